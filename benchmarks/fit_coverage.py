@@ -127,7 +127,7 @@ def _truth(setup: Setup, problem: Problem, phase: float | None) -> Any:
         return truth(setup, problem.quantity, problem.duration_s, chain, phase=phase)
     key = (problem.changes, problem.quantity, problem.duration_s, chain)
     if key not in _seen:
-        accuracy = 1e-4 if problem.duration_s > 5e-3 or setup.theory == "3d" else 1e-5
+        accuracy = 1e-4 if problem.duration_s > 5e-3 else 1e-5
         _seen[key] = truth(setup, problem.quantity, problem.duration_s, chain, accuracy)
     return _seen[key]
 

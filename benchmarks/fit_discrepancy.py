@@ -52,7 +52,6 @@ _FEW_NOISE, _FEW_GAIN = 1e-3, 0.03
 CLASSES: dict[str, tuple[str, ...]] = {
     "right class": (),
     "yield": ("contact.plasticity=thornton",),
-    "3-D": ("plate.theory=3d",),
     "other edges": ("plate.edges=cfcf",),
     "extra mode": (),
 }

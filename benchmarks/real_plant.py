@@ -37,8 +37,8 @@ from hertzloop.studies.tune.plan import LAWS
 TRIED = (*LAWS, "dent_threshold")
 PLANTS = ("ideal", "real")
 LATENCIES_US = (0, 2, 5)
-# Where the scene's contact loses by a damper, that stays its loss, and needs a thin plate.
-_NOT_WITH_A_DAMPER = ("contact.plasticity", "plate.theory")
+# Where the scene's contact loses by a damper, that stays its loss.
+_NOT_WITH_A_DAMPER = ("contact.plasticity",)
 _POINTS = 20  # of the scan for a critical latency
 _WANTED_DB = -3.0
 _WORST_DB = 5.0  # what is worse stands at the right end as a number
@@ -284,7 +284,7 @@ def main(
         changed = " ".join(f"--set {key}={value}" for key, value in REAL.items())
         noise = f"noise of {NOISE:g} of the converter's range (noise_rms in real.csv)"
         out.say(
-            f"real: {changed}, and {noise}; without contact.plasticity and plate.theory where the "
+            f"real: {changed}, and {noise}; without contact.plasticity where the "
             "scene's contact has a damper"
         )
         results.add(effects=[asdict(e) for e in found], real=REAL)

@@ -97,7 +97,7 @@ def _contact_radius_m(b: MapPlace) -> float:
 Sizes = dict[str, np.ndarray]  # of each effect, (thickness, radius)
 # Effect, what to do about it, and its size.
 EFFECTS: tuple[tuple[str, str, Callable[[MapPlace], float]], ...] = (
-    ("plate theory", "an elastic solid instead of Kirchhoff's plate", plate_theory),
+    ("plate theory", "Kirchhoff's plate has no thickness", plate_theory),
     ("contact yields", "contact.plasticity = 'thornton'", yield_loss),
     ("large deflection", "the plate is not linear", large_deflection),
     ("thin below the contact", "Hertz's law assumes a half space", no_half_space),

@@ -92,7 +92,7 @@ def _modes_end(f: RunContext) -> float | None:
     nothing."""
     spec = f.spec
     parts = (spec.sphere, spec.plate, spec.contact)
-    if spec.plate.mode_table is None or spec.plate.solid or is_rigid(spec.plate):
+    if spec.plate.mode_table is None or is_rigid(spec.plate):
         return None
     if spec.frequency_limit_hz <= least_limit_hz(*parts, spec.frequency_limit_hz):
         return expected_error(
@@ -169,10 +169,6 @@ def _of_radius(f: RunContext, value: float) -> float | None:
     return None if math.isnan(f.spec.sphere.radius_m) else value
 
 
-def _of_solid(f: RunContext) -> str:
-    return "plate.theory" if f.spec.plate.solid else ""
-
-
 ROWS = (
     EffectRow(
         "yield", "p_0 / (1.6 Y), p_0 = 3 F/(2 pi a^2)", 1.0, _fully_plastic,
@@ -207,9 +203,9 @@ ROWS = (
             f"{thickness_number(f.spec.local_plate, f.run.contact_s):.2g} at 1/T: Kirchhoff's "
             f"plate may take {percent(x)} less energy than an elastic solid, and the rebound be "
             f"off by {percent(f.kirchhoff.rebound_speed)} of the impact speed (requested: "
-            f"{percent(f.setup.accuracy)}); plate.theory = '3d' models it"
+            f"{percent(f.setup.accuracy)})"
         ),
-        "energy error of thin-plate theory is {p}", "plate.theory", _of_solid, of_plate=True,
+        "energy error of thin-plate theory is {p}", of_plate=True,
     ),
     EffectRow(
         "plate theory (peak)", "dC 3/2 s^(2/3) F^(1/3)", None, 0.5,
@@ -219,7 +215,7 @@ ROWS = (
             f"Hertz's half space: peak force and contact time may be off by {percent(x)} "
             f"(requested: {percent(f.setup.accuracy)})"
         ),
-        "peak-force error of thin-plate theory is {p}", "plate.theory", _of_solid, of_plate=True,
+        "peak-force error of thin-plate theory is {p}", of_plate=True,
     ),
     EffectRow(
         "large deflection", "w_max / h", 0.2, 1.0,
@@ -246,7 +242,7 @@ ROWS = (
             f"the plate is too thick for thin-plate theory: the contact lasts {x:.2g} periods of "
             "the first resonance through the thickness"
         ),
-        "contact lasts {x:.2g} periods through the thickness", "", _of_solid,
+        "contact lasts {x:.2g} periods through the thickness",
         falls=True, of_plate=True,
     ),
     EffectRow(

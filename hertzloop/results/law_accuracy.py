@@ -97,7 +97,7 @@ def simulated_law_accuracy(setup: Setup, until_s: float) -> LawAccuracy | None:
     return LawAccuracy(
         found,
         setup.accuracy,
-        model_error.expected_error(short, finer.frequency_limit_hz),
+        model_error.expected_error(short),
         latched_us(short, run),
         latched_us(short, other),
     )

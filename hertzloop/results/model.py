@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from hertzloop.bus.messages_pb2 import EnergyBalance
-from hertzloop.plant.estimates.plate_theory import KirchhoffError, expected_kirchhoff_error
 from hertzloop.plant.plant import Balance, PlantSpec
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
@@ -79,25 +78,6 @@ class TruncatedModes:
 
 
 @dataclass(frozen=True)
-class Theory:
-    """The theory of a plate.
-
-    Attributes:
-        asked: the requested theory.
-        chosen: the theory of the run.
-        kirchhoff_error: expected error of Kirchhoff's theory.
-        jumps: whether the force of the law may jump.
-        why_not_3d: why the plate is not an elastic solid; None without a reason.
-    """
-
-    asked: str
-    chosen: str
-    kirchhoff_error: KirchhoffError
-    jumps: bool
-    why_not_3d: str | None
-
-
-@dataclass(frozen=True)
 class Yield:
     """Permanent indentation, m, and dissipated energy, J, of a contact that yielded."""
 
@@ -119,14 +99,12 @@ class PlantParts:
 
     Attributes:
         truncated_modes: the damped mode for the truncated modes; None if there is none.
-        theory: the plate theory; None for another structure.
         limiting_pressure: as in the function `limiting_pressure`.
         radiation: the radiated energy; None if the model has no radiation.
         model: the model of the plate; None for the published scheme.
     """
 
     truncated_modes: TruncatedModes | None
-    theory: Theory | None
     limiting_pressure: dict[str, Any] | None
     radiation: Radiation | None
     model: PlateModel | None
@@ -181,17 +159,6 @@ def _full_model(setup: Setup, spec: PlantSpec) -> FullModel:
     return FullModel(limit_hz, modes, found, ratio, measured)
 
 
-def _theory(setup: Setup) -> Theory | None:
-    """Return the theory of a plate; None for a structure that is not made from its sizes."""
-    local = setup.structure.local_plate
-    if setup.structure.mode_table is not None or local is None:
-        return None
-    jumps = setup.has_law and setup.actuator.bandwidth_hz is None
-    error = expected_kirchhoff_error(setup.sphere, local, setup.contact)
-    why_not = setup.why_not_solid
-    return Theory(setup.scene.plate.theory, setup.theory, error, jumps, why_not)
-
-
 def yield_of(balance: EnergyBalance | Balance | None) -> Yield | None:
     """Return the indentation; None if the contact did not yield or the run did not end."""
     if balance is None or balance.dent_m == 0.0:
@@ -225,7 +192,6 @@ def parts_of(setup: Setup, balance: EnergyBalance) -> PlantParts:
         truncated_modes=None
         if away is None
         else TruncatedModes(balance.truncated_dissipated_j, away, NEAREST),
-        theory=_theory(setup),
         limiting_pressure=limiting_pressure(setup),
         radiation=Radiation(faces, balance.air_dissipated_j) if faces else None,
         model=chosen_model(setup),

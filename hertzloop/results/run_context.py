@@ -50,7 +50,7 @@ def static_context(spec: PlantSpec, bodies: Mechanics) -> StaticContext:
     if square is not None and not spec.infinite_plate:
         x, y = square.size_m
         revival_s = criteria.revival_s(square, x) if abs(x - y) <= _SQUARE * x else 0.0
-    if local is not None and not structure.solid and structure.mode_table is None:
+    if local is not None and structure.mode_table is None:
         air_share = criteria.air_loss_factor(local) / local.eta if local.eta else math.inf
     return StaticContext(
         local,

@@ -6,16 +6,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from hertzloop.plant import time_series as ts
-from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
+from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.estimates.model_order import least_limit_hz
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
-from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.sensors.acquisition import Sensor
-
-_MOST_BELOW = 0.5  # of the contact's own flexibility
 
 
 def build_plant(
@@ -36,12 +33,11 @@ def build_plant(
 
 def check_modes_reach_impact(spec: PlantSpec) -> None:
     """Refuse modes of a file that leave out all of an impact, unless an infinite plate stands for
-    the rest or a model of them was asked for; or a solid's with what does not fit those. In flight
-    they are right all the same. Raises SceneError."""
+    the rest or a model of them was asked for. In flight they are right all the same. Raises
+    SceneError."""
     sphere, plate, contact = spec.sphere, spec.plate, spec.contact
     if plate.mode_table is None or spec.infinite_plate:
         return
-    _check_below_zero(plate, sphere, contact)
     needed_hz = least_limit_hz(sphere, plate, contact, spec.frequency_limit_hz)
     if spec.frequency_limit_hz > needed_hz or spec.damped_residual or spec.truncation_asked:
         return
@@ -58,25 +54,6 @@ def check_modes_reach_impact(spec: PlantSpec) -> None:
         "least (are they in Hz?), plate.thickness_m if it is a plate at the contact point, or "
         "plate.tail = 'spring' to run with an error that is not known"
     )
-
-
-def _check_below_zero(structure: Structure, sphere: Sphere, contact: Contact) -> None:
-    """Refuse a residual flexibility below zero, of the modes of a solid, where it does not fit."""
-    left_out = structure.residual_flexibility_m_n(2.0 * math.pi * structure.highest_hz)
-    if left_out >= 0.0:
-        return
-    named = f"{structure} with residual_flexibility_m_n = {left_out:.3g}, below zero,"
-    if contact.has_damper:
-        raise SceneError(
-            f"{named} do not fit contact.damping: a negative residual flexibility is unstable with "
-            "a damper. Use contact.plasticity for losses, or other modes."
-        )
-    tangent = contact.exponent * contact.stiffness * rigid_impact(sphere, contact).rise
-    if -left_out * tangent > _MOST_BELOW:
-        raise SceneError(
-            f"{named}: the contact is too stiff for these modes. Use fewer modes, a softer "
-            "contact, or a lower speed."
-        )
 
 
 def build_sensor(setup: Setup, steps: int | None = None) -> Sensor:

@@ -19,7 +19,6 @@ from hertzloop.plant.contact.hertz import (
     rigid_impact,
 )
 from hertzloop.plant.contact.yielding import YieldPressure, softer
-from hertzloop.plant.estimates.plate_theory import expected_kirchhoff_error
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Point
@@ -28,7 +27,6 @@ from hertzloop.plant.structures.registry import STRUCTURES, Description, maker, 
 from hertzloop.plant.structures.structure import Structure, compared_as
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.plant_checks import not_in_three_dimensions
 from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.tables import ContactTable, HammerTable, PlateTable, Striker
 
@@ -38,8 +36,7 @@ class Mechanics:
     """What collides, in SI units: everything that does not depend on step, law or sensor.
 
     `sensor_point_m`: of a sensor elsewhere; None at the contact point. `weaker`: the body that
-    yields first, and its strength; None where the plate's is not known. `theory`: "kirchhoff" or
-    "3d", the theory that `plate.theory` comes to.
+    yields first, and its strength; None where the plate's is not known.
     """
 
     sphere: Sphere
@@ -51,11 +48,8 @@ class Mechanics:
     sensor_point_m: Point | None
     radiating_faces: int
     weaker: tuple[str, YieldPressure] | None
-    theory: str
     rigid: RigidImpact = field(compare=False)
     """the same impact on a rigid plate"""
-    why_not_solid: str | None = field(compare=False)
-    """why the plate cannot be in three dimensions; None if it can"""
 
     @property
     def same_point(self) -> bool:
@@ -96,28 +90,22 @@ class Mechanics:
         return self.structure.local_plate
 
 
-def resolve_mechanics(
-    tables: PlantTables, scheme: str, without_modes: bool, accuracy: float
-) -> Mechanics:
+def resolve_mechanics(tables: PlantTables, accuracy: float) -> Mechanics:
     """Build the bodies, or return those that were built for the same arguments.
 
     Args:
-        scheme: `run.scheme`; a solid plate is known to one of them only.
-        without_modes: whether `run.plate_model` is "infinite"; such a plate is thin.
-        accuracy: `run.accuracy`, by which the theory and the number of Ritz functions are chosen.
+        accuracy: `run.accuracy`, by which the number of Ritz functions is chosen.
 
     Raises:
         SceneError: a file of modes does not make a structure.
     """
     theory = tables.plate.theory
     make = maker(theory) if theory in STRUCTURES else None
-    return _resolved(tables, scheme, without_modes, accuracy, make)
+    return _resolved(tables, accuracy, make)
 
 
 @lru_cache(maxsize=16)
-def _resolved(
-    tables: PlantTables, scheme: str, without_modes: bool, accuracy: float, make: Any
-) -> Mechanics:
+def _resolved(tables: PlantTables, accuracy: float, make: Any) -> Mechanics:
     """The same; `make`: function of the theory of the scene, another one after a reload."""
     plate, of_plate = tables.plate, tables.plate_material
     try:
@@ -128,17 +116,9 @@ def _resolved(
         tables.striker, tables.contact, tables.striker_material, of_plate
     )
     rigid = rigid_impact(sphere, contact)
-    plate_model = "infinite" if without_modes else "auto"
-    thin_only = not_in_three_dimensions(tables, scheme, plate_model)
-    theory = plate.theory
-    if theory == "auto":
-        theory = "kirchhoff"
-        if not thin_only:
-            expected = expected_kirchhoff_error(sphere, description.thin_plate, contact)
-            theory = "kirchhoff" if expected.largest <= accuracy else "3d"
     actuator, (contact_point, actuator_point) = tables.actuator, plate.points_m
     try:
-        struck = structure("modes" if plate.modes else theory, description)
+        struck = structure("modes" if plate.modes else plate.theory, description)
     except ValueError as error:
         raise SceneError(str(error)) from error
     return Mechanics(
@@ -156,9 +136,7 @@ def _resolved(
         sensor_point_m=struck.sensor_at(contact_point, actuator_point, tables.sensor_point_m),
         radiating_faces=plate.radiating_faces,
         weaker=weaker,
-        theory=theory,
         rigid=rigid,
-        why_not_solid=thin_only[0] if thin_only else None,
     )
 
 

@@ -6,7 +6,6 @@ from functools import lru_cache
 from hertzloop.plant.contact.hertz import HERTZ
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
-from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.scene.errors import SceneError, shortened
 from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.tables import PlateTable, Point, RunTable
@@ -226,41 +225,6 @@ def not_supported(capability: str, scheme: str, plate_model: str, key: str) -> l
     return []
 
 
-def not_in_three_dimensions(scene: PlantTables, scheme: str, plate_model: str) -> list[str]:
-    """What does not fit a plate in three dimensions."""
-    plate, contact, hammer = scene.plate, scene.contact, scene.hammer
-    asked = "plate.theory = '3d'"
-    found = not_supported("supports_solid", scheme, plate_model, asked)
-    only = f"{asked} supports a simply supported plate only"
-    if plate.modes is not None:
-        found.append(f"plate.modes of {plate.modes.file}: {only}. Use 'kirchhoff'.")
-    elif plate.edges not in (None, "ssss"):
-        found.append(f"plate.edges = '{plate.edges}': {only}. Remove the key, or use 'kirchhoff'.")
-    if contact.damping != "none":
-        found.append(
-            f"contact.damping = '{contact.damping}': not supported by {asked}, because the "
-            "velocity of a point on a solid diverges with the number of modes. Use "
-            "contact.plasticity, or 'kirchhoff'."
-        )
-    if scene.actuator.mass_kg is not None:
-        found.append(
-            f"actuator.mass_kg = {scene.actuator.mass_kg:g}: not supported by {asked}, because a "
-            "point mass on a solid diverges with the number of modes. Remove the key, or use "
-            "'kirchhoff'."
-        )
-    if hammer is not None and hammer.tip_stiffness is not None:
-        found.append(
-            f"hammer.tip_stiffness = {hammer.tip_stiffness:g}: not supported by {asked}, which "
-            "needs the radius of the contact. Give hammer.tip_radius_m, or use 'kirchhoff'."
-        )
-    if plate.tail == "damped":
-        found.append(
-            f"plate.tail = 'damped': not supported by {asked}, where the truncated "
-            "modes form a half space. Use 'auto'."
-        )
-    return found
-
-
 def _truncation_problems(scene: PlantTables, run: RunTable) -> list[str]:
     """Where the modes left out are no damped mode."""
     if scene.plate.tail != "damped":
@@ -299,9 +263,6 @@ def _scheme_problems(scene: PlantTables, run: RunTable) -> list[str]:
         if key not in _BESIDE_DYNAMICS and value != field.default:
             found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
     found += _truncation_problems(scene, run) + _sensor_problems(scene, run)
-    theory = STRUCTURES.get(scene.plate.theory)  # None for "auto"
-    if theory is not None and theory.solid:
-        found += not_in_three_dimensions(scene, run.scheme, run.plate_model)
     if scene.plate.radiating_faces:
         found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
     point = scene.plate.actuator_point_m

@@ -4,8 +4,7 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 
-from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
-from hertzloop.plant.estimates.model_order import frequency_limit_hz, solid_limit_hz
+from hertzloop.plant.estimates.model_order import frequency_limit_hz
 from hertzloop.plant.plant import MOST_MODES, PlantSpec
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.structure import Structure, frequencies
@@ -19,7 +18,6 @@ NEAREST, _LOWEST_RESIDUAL = 1.0, 0.5
 _LEAST_SHARE = 0.99  # of the frequency limit, for the lowest mode
 _MASS_S = 5e-8  # processor time of a pair of modes under a mass, s
 WARN_ABOVE_S, _MOST_S = 2.0, 60.0  # of processor time for the modes: said, and refused
-_FEWEST_PERIODS = 1.5  # of the limit in a contact
 
 
 @lru_cache(maxsize=16)
@@ -80,34 +78,6 @@ def on_infinite_plate(spec: PlantSpec, step_ns: int) -> PlantSpec:
     return replace(spec, residual_flexibility=False, damped_residual=False, infinite_plate=True)
 
 
-def widest_limit_hz(plate: Structure, sphere: Sphere, contact: Contact) -> float:
-    """Up to where modes can be taken along in three dimensions, Hz: where the branches end, or the
-    contact is as wide as the waves. Raises SceneError where that leaves out the impact."""
-    m, v, rigid = sphere.mass_kg, sphere.impact_speed_m_s, rigid_impact(sphere, contact)
-    radius = math.sqrt(sphere.radius_m * rigid.deepest_m)
-    if contact.limit is not None:  # as wide as if yielding took all energy
-        taken = 2.0 * m * v * v * sphere.radius_m / (math.pi * contact.limit.pressure_pa)
-        radius = max(radius, taken**0.25)
-    limit = min(plate.highest_hz, plate.contact_limit_hz(radius))
-    lasts_s = rigid.contact_s
-    if limit * lasts_s < _FEWEST_PERIODS:
-        local = plate.local_plate
-        thick = f"plate.thickness_m = {local.thickness_m:g}" if local else str(plate)
-        if limit == plate.highest_hz:
-            raise SceneError(
-                f"plate.theory = '3d' with {thick}: the modes of a solid end at {limit:.3g} Hz, "
-                f"but the contact of {1e6 * lasts_s:.2g} us needs them to "
-                f"{_FEWEST_PERIODS / lasts_s:.3g} Hz. Use a thinner plate, a larger radius, or "
-                "'kirchhoff'."
-            )
-        raise SceneError(
-            f"plate.theory = '3d' with {thick} and a contact of radius {radius:.2g} m: waves as "
-            "short as the impact makes are no longer than the contact is wide, where Hertz contact "
-            "is invalid. Use a smaller radius, a lower speed, or 'kirchhoff'."
-        )
-    return limit
-
-
 def _damped_residual(
     mechanics: Mechanics, asked: str, scheme: str, step_s: float, limit_hz: float
 ) -> bool:
@@ -117,7 +87,7 @@ def _damped_residual(
     begins, without a mass on the contact point. Raises SceneError.
     """
     plate = mechanics.structure
-    if asked == "spring" or not SCHEMES[scheme].supports_truncated_modes or plate.solid:
+    if asked == "spring" or not SCHEMES[scheme].supports_truncated_modes:
         return False
     if why := _why_not_damped(plate):
         if asked == "auto":
@@ -143,11 +113,6 @@ def _why_not_damped(plate: Structure) -> str:
         return (
             f"it starts at the last mode, but {plate} end at 0 Hz. Use 'spring', or give modes up "
             "to a higher frequency."
-        )
-    if plate.residual_flexibility_m_n(math.inf) < 0.0:
-        return (
-            f"it does not fit {plate}, whose residual_flexibility_m_n is below zero, as for a "
-            "solid. Use 'spring'."
         )
     return ""
 
@@ -188,9 +153,6 @@ def _limit_hz(
     sphere, plate, contact = mechanics.sphere, mechanics.structure, mechanics.contact
     if not SCHEMES[scheme].limits_modes:
         return 0.5 / step_s, False
-    if plate.solid:
-        highest = min(0.5 / step_s, widest_limit_hz(plate, sphere, contact))
-        return solid_limit_hz(sphere, plate, contact, highest, accuracy), False
     limits = [
         frequency_limit_hz(
             sphere,

@@ -18,7 +18,6 @@ from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import Contact, Sphere
-from hertzloop.plant.estimates.model_order import UNDER_LAW
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.controller_table import ControllerTable
@@ -28,7 +27,6 @@ from hertzloop.scene.law_context import about_mechanics, law_models_yield, law_r
 from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import parse as parse_scene
 from hertzloop.scene.mechanics import Mechanics, resolve_mechanics
-from hertzloop.scene.plant_checks import not_in_three_dimensions
 from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.plate_model import check_modes, describe_plant, on_infinite_plate
 from hertzloop.scene.scene import Scene
@@ -59,8 +57,6 @@ class Setup:
     first_touch_s: float = field(compare=False)
     """when the sphere first touches the structure, from the start of the run, s"""
     mechanics: Mechanics = field(compare=False)
-    why_not_solid: str | None = field(compare=False)
-    """why the plate cannot be in three dimensions; None if it can"""
     line: SignalPath = field(compare=False)
     latency_us: float = field(compare=False)
     """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
@@ -193,11 +189,6 @@ class Setup:
         return self.mechanics.actuator
 
     @property
-    def theory(self) -> str:
-        """Theory of the plate, "kirchhoff" or "3d", that `plate.theory` comes to."""
-        return self.mechanics.theory
-
-    @property
     def stiffness(self) -> float:
         """Contact stiffness that the law works with, N/m^1.5."""
         return self.announced_stiffness or self.contact.stiffness
@@ -281,12 +272,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     if isinstance(scene, Setup):
         return scene
     run, control, sensors = scene.run, scene.controller, scene.sensors
-    without_modes = scene.plate.theory == "auto" and run.plate_model == "infinite"
-    tables = scene.plant_tables
-    mechanics = resolve_mechanics(tables, run.scheme, without_modes, run.accuracy)
-    why_not_solid = mechanics.why_not_solid
-    if run.plate_model == "infinite":
-        why_not_solid = not_in_three_dimensions(tables, run.scheme, run.plate_model)[0]
+    mechanics = resolve_mechanics(scene.plant_tables, run.accuracy)
     first_touch_s = _first_touch_s(run, mechanics.sphere)
 
     line = resolve_line(control, scene.actuator, sensors.every_steps, run.step_ns)
@@ -295,14 +281,13 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         latency_us = line.latency_steps * run.step_ns / 1000
     reach = law_reach(control)
 
-    controlled = mechanics.structure.solid and control.law != NO_CONTROL
     with_edges = describe_plant(
         mechanics,
         scene.plate.tail,
         run.scheme,
         run.step_ns,
         run.lead_in_s,
-        run.accuracy / (UNDER_LAW if controlled else 1.0),
+        run.accuracy,
     )
     infinite_plate = InfinitePlate(
         mechanics=mechanics,
@@ -323,7 +308,6 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         touch_phase=_touch_phase(run),
         first_touch_s=first_touch_s,
         mechanics=mechanics,
-        why_not_solid=why_not_solid,
         line=line,
         latency_us=latency_us,
         reach=reach,

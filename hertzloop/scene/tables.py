@@ -96,7 +96,7 @@ if TYPE_CHECKING:
     TheoryName = str
 else:
     SchemeName = Annotated[Literal[*SCHEMES], WrapValidator(_scheme)]
-    TheoryName = Annotated[Literal[(*THEORIES, "auto")], WrapValidator(_theory)]
+    TheoryName = Annotated[Literal[*THEORIES], WrapValidator(_theory)]
 
 
 Mass = Annotated[float, Field(ge=1e-9, le=1e4)]
@@ -159,9 +159,8 @@ class PlateTable(SceneTable):
     `edges` have no effect and `contact_point_m` serves the picture only. `thickness_m` is that of
     the plate at the contact point, if it is one; `residual_flexibility_m_n` is that of all modes
     not in the file. `tail`: what stands for the truncated modes, a massless spring or one damped
-    mode; "auto" is "damped" where that is known. `theory`: Kirchhoff's thin plate, or the plate as
-    a solid; "auto" is "kirchhoff" where that is expected to meet `run.accuracy`, or the other is
-    not known.
+    mode; "auto" is "damped" where that is known. `theory`: Kirchhoff's thin plate, or a structure
+    of one's own.
     """
 
     material: MaterialKey
@@ -192,8 +191,7 @@ class PlateTable(SceneTable):
     """model of the truncated modes: massless spring or one damped mode; "auto": damped where
     that is known"""
     theory: TheoryName = "kirchhoff"
-    """plate theory: thin plate or solid; "auto": thin plate where it meets run.accuracy or the
-    solid is not available"""
+    """structure of these sizes: Kirchhoff's thin plate, or the name of your own structure"""
 
     @field_validator("edges")
     @classmethod

@@ -3,10 +3,8 @@
 import math
 from typing import Any
 
-from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.loop.run_options import Transport
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.structures.registry import STRUCTURES
 from hertzloop.results import model
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.statistics import ActuatorDemand
@@ -22,8 +20,6 @@ def run_table(report: RunReport) -> Table:
     balance, demand = report.balance, report.assessed.result.metrics.demand
     assessed, full = report.assessed, parts.model and parts.model.full
     structure = report.structure
-    asked = STRUCTURES.get(parts.theory.asked) if parts.theory else None
-    theory = parts.theory if asked is None or asked.solid else None  # asked is None: "auto"
     factor = setup.duration_s / wall_s if wall_s else math.inf
     rate = setup.steps / max(wall_s, 1e-9)
     note = SCHEMES[setup.scheme].note
@@ -46,7 +42,6 @@ def run_table(report: RunReport) -> Table:
         ("time by role", _time_by_role(report)),
         ("real-time profile", report.realtime),
         ("structure", "" if structure["closed_form"] else _structure_words(structure)),
-        ("plate theory", theory and theory_words(theory)),
         ("plate model", _model_order(report)),
         ("truncated modes", parts.truncated_modes and truncated_words(parts.truncated_modes)),
         ("full model", full and "modes_in_file" not in structure and _full_model(full)),
@@ -174,10 +169,7 @@ def _model_order(report: RunReport) -> str:
     )
     if not missed(expected, asked):
         return chosen
-    theory, law = report.parts.theory, report.assessed.law.scene_law
     why = what_limits(
-        solid=theory is not None and STRUCTURES[theory.chosen].solid,
-        controlled=law != NO_CONTROL,
         of_file="modes_in_file" in report.structure,
         limit_hz=limit_hz,
         full_hz=model.full.frequency_limit_hz,
@@ -230,17 +222,6 @@ def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
     )
 
 
-def theory_words(found: model.Theory) -> str:
-    """Describe the plate theory of a run, and the reason for it."""
-    size = f"Kirchhoff's theory may cost {found.kirchhoff_error.largest:.1g}"
-    if STRUCTURES[found.chosen].solid:
-        loud = "; a force that jumps has no limit as modes are added: give actuator.bandwidth_hz"
-        return f"three dimensions; {size}{loud if found.jumps else ''}"
-    if found.why_not_3d:
-        return f"Kirchhoff; {size}, but {found.why_not_3d}"
-    return f"Kirchhoff; {size}, no more than asked"
-
-
 def truncated_words(found: model.TruncatedModes) -> str:
     """Describe the damped mode that replaces the truncated modes."""
     words, away = (
@@ -252,14 +233,10 @@ def truncated_words(found: model.TruncatedModes) -> str:
     return f"{words}; not known so close to an edge, {away:.2g} of {found.needed:g} wavelengths"
 
 
-def what_limits(
-    solid: bool, controlled: bool, of_file: bool, limit_hz: float, full_hz: float
-) -> str:
+def what_limits(of_file: bool, limit_hz: float, full_hz: float) -> str:
     """Say why a run expects more error than requested.
 
     Args:
-        solid: Whether the plate is an elastic solid.
-        controlled: Whether the run has a law.
         of_file: Whether the modes come from a file.
         limit_hz: Limit of the modes, Hz.
         full_hz: Limit of the modes that the step supports, Hz.
@@ -268,9 +245,6 @@ def what_limits(
         "the law's force jumps, or is held from sample to sample, and its steps cost that, not the "
         "modes; actuator.bandwidth_hz, or of a held force a smaller run.step_ns, makes them smaller"
     )
-    if solid:
-        allowed = "all that this step, or a contact as wide as the waves, allows"
-        return f"{steps}; or it is {allowed}" if controlled else allowed
     if of_file:
         return "all modes of the file"
     if limit_hz < (1.0 - 1e-9) * full_hz:

@@ -103,8 +103,6 @@ def _assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
 
 def _parts(found: model.PlantParts) -> dict[str, Any]:
     data: dict[str, Any] = asdict(found)
-    if found.theory is not None:
-        data["theory"]["kirchhoff_error"] = found.theory.kirchhoff_error._asdict()
     return data
 
 

@@ -1,15 +1,12 @@
 """How many frequencies a scene needs: an a-priori estimate of what truncation costs.
 
-As for a thin plate (`model_order`), and what is new in a solid: the modes left out near the contact
-are heavy, so that the spring in their place is wrong by their inertia, which falls as slowly
-as 1/limit. Errors of plate energy and rebound speed of impacts on thick plates were 0.3 to 1.4
-times that share of the contact's flexibility, of the gap itself 1 to 4 times.
+What is left out near the contact acts as a spring in series with it, and what is left out above the
+frequencies of the impact is energy that the plate does not take.
 """
 
 import math
 
 import numpy as np
-import scipy
 
 from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
 from hertzloop.plant.plant import PlantSpec
@@ -27,24 +24,10 @@ _ENERGY_FACTOR = 7.0
 # frequency, no modes below hold; a damped mode takes about as much. Error of the plate energy over
 # share (hold/T)^2: 0.03 to 0.98 times the first in 38 of 40 random scenes with a law.
 _HELD_DAMPED, _HELD_SPRING = 0.4, 1.5
-# In a solid a step drives waves within the thickness too: over the mobility of the thin plate, that
-# of a face is 1 + 0.55 (w h/c_T)^2 (Rayleigh-Lamb branches, Poisson's ratio 0.1 to 0.4, within 30 %
-# from w h/c_T = 6 on). Errors: `python -m benchmarks.held_force`.
-_FACE_MOBILITY = 0.55
-_HELD_SOLID, _SWITCHED_SOLID = 0.9, 2.2
-# A law's force, as large as the contact force at most, moves the modes near the contact of a solid
-# too: errors of the gap against all modes were 1 to 1.4 times those without a law. A force that
-# follows the contact force at once answers the waves of its own steps: 3 times the wave energy of a
-# delayed copy. Errors: `python -m benchmarks.solid_law`.
-UNDER_LAW = 2.0
-_AT_ONCE = 3.0
-_GRID = 200  # frequencies at which the gain of a loop is looked at
 # A force that is switched on a thin plate: in 22 random scenes gap and plate energy erred by 0.1 to
 # 1.5 times jump times share with a damped mode, by 0.1 to 1.3 times jump^2/(limit T) with the
 # spring.
 _JUMP, _JUMP_SPRING = 1.6, 1.6
-# A force of bandwidth b has above b the energy of a jump up to 4/3 b.
-_ROUNDED = 4.0 / 3.0
 # A damper in the contact asks for the rate of the penetration, in which that of the spring is
 # missing: errors of the plate energy were 0.9 to 2.2 times d R F/T.
 _DAMPER_FACTOR = 2.5
@@ -72,7 +55,6 @@ _BEYOND = (
     (8, 3.49e-06),
     (12, 6.67e-07),
 )
-_LOWEST = 1e-2  # of the highest limit
 
 
 def energy_beyond(periods: float) -> float:
@@ -114,7 +96,7 @@ def damper_error(
     F and length T on a rigid plate. A damped mode in place of the spring is without it."""
     rigid = rigid_impact(sphere, contact)
     damper = contact.viscous_n_s_m + contact.hunt_crossley_s_m * rigid.peak_n
-    flexibility = abs(plate.residual_flexibility_m_n(2.0 * math.pi * frequency_limit_hz))
+    flexibility = plate.residual_flexibility_m_n(2.0 * math.pi * frequency_limit_hz)
     return _DAMPER_FACTOR * damper * flexibility / rigid.contact_s
 
 
@@ -147,90 +129,23 @@ def jump_error(
     return max(gap, _JUMP_SPRING * jump**2 / (frequency_limit_hz * rigid.contact_s))
 
 
-def law_error(
-    spec: PlantSpec, force_n: float, share: float, hold_s: float, until_hz: float
-) -> float:
+def law_error(spec: PlantSpec, force_n: float, share: float, hold_s: float) -> float:
     """Estimated error of gap or plate energy, relative, from the steps of a law's force.
 
     Args:
         spec: plant with modes, and something that stands for those left out.
         force_n: largest force, N; a law that says it may switch it on and off at any sample.
-        share: largest force over the contact force; of a law without a largest force. In a solid
-            as `share_at_once` or `velocity_share` say.
+        share: largest force over the contact force; of a law without a largest force.
         hold_s: time between two samples, over which a force is held.
-        until_hz: frequency up to which modes left out count, in a solid.
     """
     switched, limit_hz = force_n < math.inf, spec.frequency_limit_hz
     bandwidth_hz = spec.actuator.bandwidth_hz or math.inf
     rounded = min(1.0, (bandwidth_hz / (limit_hz if switched else 1.0 / hold_s)) ** 2)
-    if spec.plate.solid:
-        return _solid_law_error(spec, force_n, share, hold_s, until_hz)
     if switched:
         parts = (spec.sphere, spec.plate, spec.contact)
         return jump_error(*parts, limit_hz, rounded * force_n, damped=spec.damped_residual)
     share = rounded * min(share, 1.0)
     return held_error(spec.sphere, spec.contact, share, hold_s, damped=spec.damped_residual)
-
-
-def share_at_once(share: float) -> float:
-    """The share of a delayed copy whose steps drive as many waves in a solid as the steps of a law
-    that follows the contact force at once with this `share`."""
-    return math.sqrt(_AT_ONCE) * share
-
-
-def velocity_share(
-    plate: Structure, share: float, low_hz: float, high_hz: float, corners_hz: tuple[float, ...]
-) -> float:
-    """Largest gain of a loop from the velocity of a solid's face to a force on it.
-
-    Args:
-        plate: solid plate.
-        share: gain on a thin plate, in shares of its impedance.
-        low_hz: frequency from which modes are left out.
-        high_hz: frequency up to which they count; half the sampling frequency at most.
-        corners_hz: of the low-pass filters of second order in the loop.
-    """
-    hz = np.geomspace(low_hz, max(low_hz, high_hz), _GRID)
-    gain = share * (1.0 + _face_mobility_s2(plate) * hz**2)
-    for corner_hz in corners_hz:
-        gain *= np.minimum(1.0, (corner_hz / hz) ** 2)
-    return float(np.max(gain))
-
-
-def _face_mobility_s2(plate: Structure) -> float:
-    """By how much the mobility of a face over that of the thin plate grows per squared Hz."""
-    thickness_m = plate.local_plate.thickness_m if plate.local_plate else 0.0
-    return _FACE_MOBILITY * (2.0 * math.pi * thickness_m / plate.material.shear_speed_m_s) ** 2
-
-
-def _solid_law_error(
-    spec: PlantSpec, force_n: float, share: float, hold_s: float, until_hz: float
-) -> float:
-    """As `law_error`. What stands for the modes left out of a solid moves with every step of the
-    force at once, and the waves that a step drives have an energy that grows with the frequencies
-    that are counted."""
-    rigid = rigid_impact(spec.sphere, spec.contact)
-    lasts_s, limit_hz = rigid.contact_s, spec.frequency_limit_hz
-    bandwidth_hz = spec.actuator.bandwidth_hz or math.inf
-    face = _face_mobility_s2(spec.plate)
-    if force_n < math.inf:
-        step = min(1.0, (bandwidth_hz / limit_hz) ** 2) * force_n / rigid.peak_n
-        last_hz = max(limit_hz, min(until_hz, _ROUNDED * max(bandwidth_hz, limit_hz)))
-        driven = 1.0 / limit_hz - 1.0 / last_hz + face * (last_hz - limit_hz)
-        waves = _SWITCHED_SOLID * step**2 / lasts_s * driven
-    else:
-        step = math.pi * share * min(1.0, (bandwidth_hz * hold_s) ** 2) * hold_s / lasts_s
-        # A staircase repeats the spectrum of the force around all multiples of 1/hold.
-        n = np.arange(math.floor(limit_hz * hold_s) + 1, math.floor(until_hz * hold_s) + 1)
-        heights = np.minimum(1.0, (bandwidth_hz * hold_s / n) ** 2) / n
-        driven = float(np.sum(heights**2 * (1.0 + face * (n / hold_s) ** 2)))
-        waves = _HELD_SOLID * (share * hold_s / lasts_s) ** 2 * driven
-    low, high = (
-        spec.plate.residual_flexibility_m_n(2.0 * math.pi * hz, spec.contact_point_m)
-        for hz in (limit_hz, max(limit_hz, until_hz))
-    )
-    gap = step * abs(high - low) * spec.contact.stiffness * rigid.rise
-    return max(gap, min(1.0, waves))
 
 
 def expected_error(
@@ -258,8 +173,7 @@ def expected_error(
     if is_rigid(plate):
         return 0.0
     rigid = rigid_impact(sphere, contact)
-    # Below zero of a solid's modes in a file.
-    flexibility = abs(plate.residual_flexibility_m_n(2.0 * math.pi * frequency_limit_hz))
+    flexibility = plate.residual_flexibility_m_n(2.0 * math.pi * frequency_limit_hz)
     share = flexibility * contact.stiffness * rigid.rise
     if not spring:
         return share
@@ -327,31 +241,3 @@ def least_limit_hz(
     share = expected_error(sphere, plate, contact, frequency_limit_hz)
     for_gap = (_SPRING_FACTOR * share / rest) ** (1.0 / _SPRING_EXPONENT)
     return max(for_gap, _periods_for(rest / _ENERGY_FACTOR)) / lasts_s
-
-
-def expected_solid_error(
-    sphere: Sphere, plate: Structure, contact: Contact, frequency_limit_hz: float
-) -> float:
-    """Estimated error of plate energy, relative to itself, and rebound speed, to the impact speed,
-    from leaving out all modes above a limit."""
-    rigid = rigid_impact(sphere, contact)
-    limit, impact = 2.0 * math.pi * frequency_limit_hz, 2.0 * math.pi / rigid.contact_s
-    share = plate.residual_inertia_m_n(limit, impact) * contact.stiffness * rigid.rise
-    return max(share, expected_error(sphere, plate, contact, frequency_limit_hz, spring=True))
-
-
-def solid_limit_hz(
-    sphere: Sphere, plate: Structure, contact: Contact, highest_hz: float, accuracy: float
-) -> float:
-    """Lowest limit whose estimated error meets `accuracy`; at most `highest_hz`."""
-
-    def excess(log_hz: float) -> float:
-        return math.log(expected_solid_error(sphere, plate, contact, math.exp(log_hz)) / accuracy)
-
-    high = math.log(highest_hz)
-    low = high + math.log(_LOWEST)
-    if excess(high) >= 0.0:
-        return highest_hz
-    return math.exp(
-        low if excess(low) <= 0.0 else float(scipy.optimize.brentq(excess, low, high, rtol=1e-3))
-    )

@@ -41,7 +41,6 @@ class Scheme:
     supports_separate_actuator: bool = True  # a force beside the contact point
     supports_touch_phase: bool = True  # a touch between two samples
     supports_truncated_modes: bool = False  # the modes left out as a spring, or as one damped mode
-    supports_solid: bool = False  # a plate in three dimensions
     supports_yield: bool = False  # a contact that yields
     supports_radiation: bool = False  # modes that are damped by air
     supports_actuator_dynamics: bool = False  # bandwidth, mass and limit of the actuator
@@ -76,7 +75,7 @@ SCHEMES = {
     "modal": Scheme(
         f"{_AT}.collocation:CollocationPlant", infinite_plate=f"{_AT}.infinite:InfinitePlant",
         records_slope=True, has_linear_model=True,
-        supports_truncated_modes=True, supports_solid=True, supports_yield=True,
+        supports_truncated_modes=True, supports_yield=True,
         supports_radiation=True,
         supports_actuator_dynamics=True, supports_hammer=True, supports_exponent=True,
         supports_sensor_elsewhere=True, supports_export=True,

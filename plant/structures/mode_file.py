@@ -196,7 +196,7 @@ _RANGES = {
     "loss_factor": (0.0, _MOST_LOSS, "0 to 1"),
     "modal_mass_kg": (1e-12, 1e12, "above 0, 1e-12 to 1e12 kg"),
     "per_modal_mass_1_kg": (1e-12, 1e12, "above 0, 1e-12 to 1e12 1/kg"),
-    RESIDUAL: (-1e-6, 1.0, "0 to 1 m/N, or slightly below 0 of a solid's modes"),
+    RESIDUAL: (0.0, 1.0, "0 to 1 m/N"),
 }
 
 

@@ -64,9 +64,6 @@ class ModeSource(Protocol):
 
     mode_table: ModeTable | None = None
     """the modes that it was given as, which end; None where modes are computed"""
-    solid: bool = False
-    """whether waves within its thickness are modelled, so that the modes above a limit hold the
-    flexibility that the law of the contact holds as well"""
     highest_hz: float = math.inf
     """up to where its modes are known, Hz; inf without limit"""
     seconds_per_mode: float = 1e-5
@@ -78,16 +75,6 @@ class ModeSource(Protocol):
     def pushed_at_sensor(self) -> Self:
         """The structure with the actuator where the sensor is, if the points do not say that."""
         return self
-
-    def residual_inertia_m_n(self, omega_max: float, omega: float) -> float:
-        """By how much the inertia of all modes above `omega_max` adds to their flexibility at a
-        lower frequency `omega`, m/N; 0 where that is not worth counting."""
-        return 0.0
-
-    def contact_limit_hz(self, radius_m: float) -> float:
-        """Up to where waves are long against a contact of this radius, Hz; inf where the theory of
-        the structure knows no short waves."""
-        return math.inf
 
 
 @dataclass(frozen=True, eq=False)

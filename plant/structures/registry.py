@@ -51,12 +51,10 @@ class Kind:
 
     make: str
     theory: bool = True
-    solid: bool = False  # needs a scheme that supports solids
 
 
 STRUCTURES = {
     "kirchhoff": Kind("hertzloop.plant.structures.edged_plate:made"),
-    "3d": Kind("hertzloop.plant.structures.solid_plate:made", solid=True),
     "modes": Kind("hertzloop.plant.structures.modal_structure:made", theory=False),
 }
 THEORIES = tuple(name for name, kind in STRUCTURES.items() if kind.theory)

@@ -8,10 +8,10 @@ from benchmarks.held_force import outcome
 
 @pytest.mark.full
 @pytest.mark.parametrize("law", ["slope_threshold", "constant"])
-def test_the_expected_error_of_a_solid_covers_the_true_one(law):
+def test_the_expected_error_covers_the_true_one(law):
     random = np.random.default_rng(5)
     for _ in range(2):
-        found = outcome("3d", law, 1e-3, random)
+        found = outcome(law, 1e-3, random)
         assert found is not None
         assert found.kept, found
         assert found.expected < 10.0 * found.found, found

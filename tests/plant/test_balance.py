@@ -16,7 +16,6 @@ from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.schemes.collocation_kernels import STORED
 from hertzloop.plant.state_kernels import F_C, FLIGHT_V, INJECTED, MODAL_DISSIPATED
 from hertzloop.plant.structures.materials import MATERIALS
-from hertzloop.plant.structures.solid_plate import SolidPlate
 from hertzloop.plant.time_series import series_under
 from hertzloop.scene.setup import load
 from tests.plant.rigs import run, spec
@@ -101,7 +100,6 @@ VISCOUS, HUNT_CROSSLEY, YIELDS, YIELDS_VISCOUS, YIELDS_HUNT_CROSSLEY = (
 )
 ALL_OF_IT = Actuator(1e5, 0.3, mass_kg=1e-3, force_limit_n=40.0)
 TAIL = {"residual_flexibility": True, "damped_residual": True}
-SOLID = {"plate": SolidPlate(spec().plate), "residual_flexibility": True, "frequency_limit_hz": 2e5}
 # What a plant may have, as fields of its description.
 PARTS: dict[str, dict[str, Any]] = {
     "elastic": {},
@@ -126,8 +124,6 @@ PARTS: dict[str, dict[str, Any]] = {
     "damped mode, viscous": TAIL | {"contact": VISCOUS},
     "damped mode, yields, viscous": TAIL
     | {"contact": YIELDS_VISCOUS, "actuator": Actuator(bandwidth_hz=2e5)},
-    "solid": SOLID,
-    "solid, yields": SOLID | {"contact": YIELDS},
 }
 
 

@@ -68,7 +68,7 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     if request.span == "both":
         plants.append(_Plant(setup, OTHER[scene.span]))
     if request.with_real:
-        changed, left_out = real_plant(setup, request.quick)
+        changed, left_out = real_plant(setup)
         plants.append(_Plant(changed, scene.span, left_out=left_out))
     found = []
     for i, plant in enumerate(plants):

@@ -31,7 +31,7 @@ def table(heading: str) -> list[list[str]]:
 
 FEATURES = {name: settings.strip("`").split() for name, settings in table("## Features")[1:]}
 (_, *COLUMNS), *ROWS = table("## Pairs")
-SLOW = {"other edges", "solid plate"}  # seconds of modes
+SLOW = {"other edges"}  # seconds of modes
 QUICK = {"infinite plate", "modes from a file"}
 
 

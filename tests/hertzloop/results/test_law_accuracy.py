@@ -4,9 +4,8 @@ from math import nan
 
 import pytest
 
-from hertzloop.loop.simulate import simulate
 from hertzloop.results.law_accuracy import LawAccuracy, simulated_law_accuracy, stated_error
-from hertzloop.results.verification import Verification, against, finer_spec
+from hertzloop.results.verification import Verification
 from hertzloop.scene.setup import load
 from hertzloop.views.verdict import law_accuracy_sentences
 from tests.commands import as_options, succeed
@@ -37,17 +36,6 @@ def test_a_threshold_within_the_error_is_said():
     missed, latched = law_accuracy_sentences(found)
     assert "the law latches 7 us instead of 6 us" in latched
     assert "penetration by 2.3 % (requested 0.1 %)" in missed
-
-
-def test_what_moves_without_another_decision_is_said_too():
-    """A solid plate's estimate knows nothing of a law; `--verify` finds the same."""
-    scene = load("aluminium-20mm", ["plate.theory=3d", "run.duration_s=0.003"])
-    found = simulated_law_accuracy(scene, 3e-3)
-    assert found.delay_us == found.finer_delay_us
-    assert not found.kept
-    assert not any("latches" in sentence for sentence in law_accuracy_sentences(found))
-    true = against(scene, simulate(scene).truth, finer_spec(scene))
-    assert found.by_modes.largest == pytest.approx(true.largest, rel=0.1)
 
 
 def test_a_run_states_the_larger_error():

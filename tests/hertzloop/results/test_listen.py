@@ -10,7 +10,7 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.results import listening
 from hertzloop.scene.setup import load
 from tests.commands import refused, succeed
-from tests.hertzloop.scenes import aluminium_3mm, json_in
+from tests.hertzloop.scenes import json_in
 
 SHORT = [
     "run.duration_s=0.004",
@@ -83,12 +83,3 @@ def test_slower_is_the_same_sound_at_a_lower_pitch():
     assert slow.up_to_hz == pytest.approx(fast.up_to_hz, rel=2e-3)
     for grid in (fast, slow):  # what sounds is not faded out
         assert grid.band()[grid.s.imag <= 2.0 * math.pi * 19.9e3].min() == 1.0
-
-
-def test_a_plate_in_three_dimensions_is_heard_as_the_thin_one_it_nearly_is():
-    thin, solid = (
-        listening.radiator_of(aluminium_3mm(*SHORT, f"plate.theory={theory}"))
-        for theory in ("kirchhoff", "3d")
-    )
-    assert solid.omega[:8] == pytest.approx(thin.omega[:8], rel=1e-2)
-    assert abs(solid.shapes[:8]) == pytest.approx(abs(thin.shapes[:8]), abs=0.02)

@@ -15,7 +15,6 @@ SHORT = ("run.duration_s=0.0013", "run.plate_model=modal")
 # Settings, what `run --details` prints, and the key of the report that states it.
 KINDS = {
     "damped": (["plate.tail=damped"], "one damped mode dissipated", "truncated_modes"),
-    "solid": (["plate.theory=auto"], "three dimensions; Kirchhoff's theory may cost", "theory"),
     "actuator": (
         ["actuator.bandwidth_hz=1e5", "actuator.mass_kg=1e-3"],
         "its bandwidth adds 2.23",
@@ -29,7 +28,7 @@ KINDS = {
 }
 
 
-@pytest.mark.parametrize("kind", default(KINDS, ["damped", "solid"]))
+@pytest.mark.parametrize("kind", default(KINDS, ["damped"]))
 def test_a_recording_holds_the_rows_and_the_check_confirms_them(kind, tmp_path):
     scene = aluminium_3mm(*SHORT, *KINDS[kind][0])
     recording, done = recorded(scene, tmp_path / "a.mcap"), simulate(scene)
@@ -37,8 +36,7 @@ def test_a_recording_holds_the_rows_and_the_check_confirms_them(kind, tmp_path):
     assert recording.balance.truncated_dissipated_j == done.balance.truncated_dissipated_j
     found = verify(scene, done.truth)
     assert found.rebound_speed < 1e-3
-    # The held force of a law makes waves in a solid that its modes do not carry.
-    assert kind == "solid" or max(found.penetration, found.plate_energy) < 1e-3
+    assert max(found.penetration, found.plate_energy) < 1e-3
     moved = deflection(scene, recording, np.array([1040]))
     at = np.unravel_index(np.argmax(np.abs(moved.w_m[0])), moved.w_m[0].shape)
     assert abs(moved.x_m[at[0]] - 0.25) + abs(moved.y_m[at[1]] - 0.25) < 0.05

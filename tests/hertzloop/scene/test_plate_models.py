@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from hertzloop.loop.simulate import simulate
@@ -10,10 +9,7 @@ from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.structures.mode_file import write_modes
-from hertzloop.plant.structures.solid_plate import SolidPlate
-from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.scene_modes import modes_of_scene
-from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import Setup, load
@@ -21,8 +17,6 @@ from hertzloop.views.details import what_limits
 from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
-SOLID = [*SHORT, "plate.theory=3d"]
-YIELDS = ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1.05e9"]
 DAMPED = "plate.tail=damped"
 DAMPER = ["contact.damping=hunt_crossley", "contact.restitution=0.5"]
 
@@ -36,7 +30,6 @@ def test_the_residual_mode_is_taken_where_it_is_known():
         ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]"], False),
         ("aluminium-3mm", [*SHORT, "plate.contact_point_m=[0.004, 0.2]", DAMPED], True),
         ("aluminium-3mm", [*SHORT, "actuator.mass_kg=1e-3"], False),
-        ("aluminium-3mm", SOLID, False),
         ("thesis-aluminium", [], False),
     ):
         assert load(source, settings).plant.damped_residual is damped, settings
@@ -47,13 +40,15 @@ def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path):
     table = modes_of_scene(scene)
     left_out = table.residual_flexibility_m_n
     by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
-    for share, damped in ((1.0, True), (0.0, True), (3.0, False), (-1.0, False)):
+    for share, damped in ((1.0, True), (0.0, True), (3.0, False)):
         (tmp_path / "m.npz").write_bytes(
             write_modes(".npz", replace(table, residual_flexibility_m_n=share * left_out))
         )
         assert aluminium_3mm(*by_file).plant.damped_residual is damped, share
-    with pytest.raises(SceneError, match=r"below zero, as for a solid\. Use 'spring'"):
-        build_plant(aluminium_3mm(*by_file, DAMPED))
+    below = replace(table, residual_flexibility_m_n=-left_out)
+    (tmp_path / "m.npz").write_bytes(write_modes(".npz", below))
+    with pytest.raises(SceneError, match=r"residual_flexibility_m_n .*0 to 1 m/N"):
+        aluminium_3mm(*by_file)
 
 
 def test_a_spring_with_a_damper_takes_more_modes_and_expects_more():
@@ -103,34 +98,6 @@ def test_errors_of_both_models_of_the_truncated_modes(settings, limit_hz, spring
         assert energy == pytest.approx(spring, rel=0.15)
 
 
-def test_auto_is_kirchhoff_where_that_is_good_enough():
-    for accuracy, chosen in ((1e-3, "3d"), (0.1, "kirchhoff")):
-        scene = aluminium_3mm(*SHORT, "plate.theory=auto", f"run.accuracy={accuracy}")
-        assert scene.theory == chosen
-        assert isinstance(scene.plant.plate, SolidPlate) is (chosen == "3d")
-    # Where three dimensions are not known.
-    for settings in (DAMPER, ["plate.edges=cccc"], ["actuator.mass_kg=1e-3"]):
-        assert aluminium_3mm(*SHORT, "plate.theory=auto", *settings).theory == "kirchhoff"
-
-
-@pytest.mark.full
-def test_the_law_in_three_dimensions():
-    for settings, wanted, digits in ((SOLID, -1.46, 0.03), ([*SOLID, *YIELDS], 0.83, 0.03)):
-        scene = aluminium_3mm(*settings, "controller.v_thr_m_s=-0.6")
-        assert metrics_of_case(scene).plate_energy_db == pytest.approx(wanted, abs=digits)
-
-
-def test_modes_of_a_solid_as_a_file_give_the_same_bytes(tmp_path):
-    scene = aluminium_3mm(*SOLID)
-    table = modes_of_scene(scene)
-    assert table.residual_flexibility_m_n < 0.0
-    (tmp_path / "m.npz").write_bytes(write_modes(".npz", table))
-    by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
-    assert np.array_equal(simulate(aluminium_3mm(*by_file)).truth, simulate(scene).truth)
-    with pytest.raises(SceneError, match="do not fit contact"):
-        build_plant(aluminium_3mm(*by_file, *DAMPER))
-
-
 def error(*settings: str) -> float:
     """The error that a run expects."""
     return expected_error(aluminium_3mm(*settings))
@@ -144,26 +111,5 @@ def test_a_run_expects_what_the_steps_of_a_held_force_cost():
     assert error(*tight, "sensors.every_steps=2") == pytest.approx(4.0 * held)
     for free in ("controller.law=off", "actuator.bandwidth_hz=1e5"):
         assert error(*tight, free) == pytest.approx(3e-4)
-    assert "held from sample to sample" in what_limits(False, True, False, 4e5, 5e5)
-    assert "the limit of this time step" in what_limits(False, True, False, 5e5, 5e5)
-
-
-def test_a_solid_expects_what_the_waves_of_a_held_force_cost():
-    """Samples further apart than the modes of a solid reach make waves that no mode carries."""
-    scene = aluminium_3mm(*SOLID)
-    expected = expected_error(scene)
-    assert expected > 5e-3
-    assert expected_error(scene, 2.0 * scene.plant.frequency_limit_hz) < 0.2 * expected
-    assert error(*SOLID, "run.step_ns=250") < 0.5 * expected
-    for free in ("controller.law=off", "actuator.bandwidth_hz=1e5"):
-        assert error(*SOLID, free) == pytest.approx(1e-3, rel=0.01)
-
-
-@pytest.mark.parametrize("law", ["velocity_feedback", "acceleration_feedback"])
-def test_a_solid_is_not_trusted_with_a_feedback_of_its_velocity(law):
-    """Its faces move the more the higher the frequency, so the loop may be unstable beyond the
-    modes; an actuator with a low bandwidth keeps it stable."""
-    keys = [*SOLID, f"controller.law={law}", "controller.kappa=0.3"]
-    assert error(*keys) == 1.0
-    assert error(*keys, "actuator.bandwidth_hz=2e4") == pytest.approx(1e-3, rel=0.01)
-    assert error(*keys, "plate.theory=kirchhoff") < 2e-3
+    assert "held from sample to sample" in what_limits(False, 4e5, 5e5)
+    assert "the limit of this time step" in what_limits(False, 5e5, 5e5)

@@ -101,7 +101,7 @@ def values_of(key: keys.Key, now: Any) -> list[Any]:
         return TRIED[key.name]
     if '"' in key.kind:
         named = [word.strip().strip('"') for word in key.kind.replace(" or ", ",").split(",")]
-        return [word for word in named if (word != now and word.isidentifier()) or word == "3d"]
+        return [word for word in named if word != now and word.isidentifier()]
     if isinstance(now, bool) or now is None or isinstance(now, list | tuple | str):
         return [1.0] if "number" in key.kind else []
     if "whole" in key.kind:

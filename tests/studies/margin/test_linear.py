@@ -55,7 +55,6 @@ VARIANTS = [
     ("aluminium-20mm", ["plate.tail=spring"]),
     ("aluminium-20mm", ["plate.tail=spring", *BY_GAP]),
     ("aluminium-20mm", ["actuator.mass_kg=0.001"]),
-    ("docs/examples/thick-plate.toml", []),
     *(pytest.param(*one, marks=pytest.mark.full) for one in [*ALONE, *BESIDE]),
 ]
 

@@ -1,7 +1,7 @@
 """Simulate the impact of a scene with other values of its keys, on frozen modes of the plate.
 
 A fit changes keys by a ten-thousandth and compares. The choice of the modes must not change on the
-way: each mode that enters would make a jump. So theory, truncated modes and number of modes are
+way: each mode that enters would make a jump. So truncated modes and number of modes are
 those of the starting point; only the frequencies move.
 """
 
@@ -60,8 +60,7 @@ class ImpactSimulator:
             mean square over the peak, that steps and modes are refined for.
 
     Attributes:
-        velocity_error: estimate of this error; larger where refinement would cost too much, and
-            zero of a solid, for which no estimate is known.
+        velocity_error: estimate of this error; larger where refinement would cost too much.
         key_step: of a derivative by the logarithm of a key.
         looped: whether the impact is under a law, and the phase matters.
         phase_period: range of the phase, in steps of the scene; one without a law.
@@ -94,7 +93,6 @@ class ImpactSimulator:
             "run.step_ns": self.step_ns,
             "run.accuracy": accuracy,
             "run.duration_s": 2.0 * LEAD_IN_S + duration_s,
-            "plate.theory": free.theory,
         }
         if point_m is not None and free.structure.mode_table is None:
             changed["plate.actuator_point_m"] = point_m
@@ -102,7 +100,7 @@ class ImpactSimulator:
         self.away_from_contact = point_m is not None
         self.spec = self._with_actuator_at_sensor(self.setup.plant)
         check_modes_reach_impact(self.spec)
-        if velocity_error is not None and not self.spec.plate.solid:
+        if velocity_error is not None:
             self._refine(velocity_error, changed["run.duration_s"])
         self.velocity_error = self._velocity_error(self.step_ns, self.spec.frequency_limit_hz)
         self._limit_hz = _between_modes(self.spec)
@@ -112,8 +110,6 @@ class ImpactSimulator:
         self.simulations, self.key_step, self.phase_period = 0, _KEY_STEP, 1
 
     def _velocity_error(self, step_ns: int, limit_hz: float) -> float:
-        if self.spec.plate.solid:
-            return 0.0
         by_modes = _BY_MODES / (limit_hz * self.contact_s) ** 2
         return math.hypot(by_modes, _BY_STEPS * (1e-9 * step_ns / self.contact_s) ** 2)
 
@@ -292,7 +288,7 @@ def _frequency_scale(spec: PlantSpec) -> float:
 
 def _between_modes(spec: PlantSpec) -> float:
     """The limit, moved to the middle between two modes: rounding must not decide on one."""
-    if spec.plate.local_plate is None or spec.plate.mode_table is not None or spec.plate.solid:
+    if spec.plate.local_plate is None or spec.plate.mode_table is not None:
         return spec.frequency_limit_hz
     limit = 2.0 * math.pi * spec.frequency_limit_hz
     omega = spec.plate.modes(_NEXT_MODE * limit, spec.contact_point_m, spec.actuator_point_m).omega

@@ -59,7 +59,6 @@ class LoopSimulator(ImpactSimulator):
             for key in ("scheme", "plate_model", "accuracy")
         }
         changed = {
-            "plate.theory": self.setup.theory,
             "sensors.noise_rms": 0.0,
             "run.touch_phase": 0.5,
             "run.duration_s": max(setup.duration_s, 2.0 * duration_s) + _ROOM_S,
