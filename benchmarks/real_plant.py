@@ -34,7 +34,6 @@ from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.tune.plan import LAWS
 
-TRIED = (*LAWS, "dent_threshold")
 PLANTS = ("ideal", "real")
 LATENCIES_US = (0, 2, 5)
 # Where the scene's contact loses by a damper, that stays its loss.
@@ -155,7 +154,7 @@ def _row(e: Effect) -> Iterator[Any]:
 def run(names: Sequence[str]) -> list[Effect]:
     """Measure all laws in both plants of the scenes named."""
     scenes = [named for named in SCENES if named.name in names]
-    cases = list(product(scenes, TRIED, PLANTS))
+    cases = list(product(scenes, LAWS, PLANTS))
     with local_pool() as pool:
         return [effect(pool, named, plant, law) for named, law, plant in tracked("real", cases)]
 

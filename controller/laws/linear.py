@@ -1,6 +1,6 @@
-"""A digital filter: numerator and denominator, second-order sections, or a file of either."""
+"""A digital filter: numerator and denominator, second-order sections, or a file with one."""
 
-from io import BytesIO
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -33,7 +33,7 @@ class Parameters(Keys):
         (), description="second-order sections b0, b1, b2, a0, a1, a2, in place of numerator"
     )
     filter_file: str = Field(
-        "", description="file with the filter (.npz, .mat); the scene keeps its numbers"
+        "", description="file with the filter (.npz); the scene keeps its numbers"
     )
     designed_us: float = Field(
         0.0, ge=0.0, le=1e6, description="sampling interval of the design; 0 if unknown"
@@ -181,15 +181,15 @@ def command(p, s, samples, i):
     return value
 
 
-# A file names its arrays as scipy.signal, python-control and MATLAB do: `sos`, with its gain `g`;
-# `b` and `a`, by powers of 1/z; `num` and `den`, by powers of z, the highest first. `dt` is the
-# sampling interval, s: 0 of a continuous filter; True, None or a negative number if it is unknown.
+# A file names its arrays as scipy.signal and python-control do: `sos`; `b` and `a`, by powers of
+# 1/z; `num` and `den`, by powers of z, the highest first; `A`, `B`, `C`, `D` of a state space. `dt`
+# is the sampling interval, s: 0 of a continuous filter; True, None or a negative number if it is
+# unknown.
 
-_ENDINGS = (".npz", ".mat")
-_FORMS = (("sos",), ("b", "a"), ("num", "den"))
-_NAMES = ("sos", "b", "a", "num", "den", "dt", "g")
-np.save(_stored := BytesIO(), np.array(None))
-_NONE = _stored.getvalue()  # None as NumPy stores it, which is read without running a pickle
+_FORMS = (("sos",), ("b", "a"), ("num", "den"), ("A", "B", "C", "D"))
+_FORMS_IN_WORDS = "the array sos, or b and a, or num and den, or A, B, C and D"
+_ROUNDING = 1e-12  # of the terms of a sum that is zero
+_SAME = 1e-6  # of the largest response: difference of the sections from the state space
 
 
 def read_files(keys: dict[str, Any], folder: Path) -> None:
@@ -206,115 +206,130 @@ def read_files(keys: dict[str, Any], folder: Path) -> None:
     if not isinstance(name, str) or not name:
         return
     where = f"controller.filter_file = '{name[-80:]}'"
-    given = [key for key in ("numerator", "denominator", "sections") if key in keys]
-    found = _arrays(folder / name, where)
-    form = _form(found, where)
-    designed_us = _designed_us(found.get("dt"), where)
-    for key in given:  # left by an earlier file, or a default that a recording wrote out
-        del keys[key]
-    del keys["filter_file"]
-    values = [found[part] for part in form]
-    for part, value in zip(form, values, strict=True):
-        if not np.all(np.isfinite(value)):
-            raise ValueError(f"{where}: '{part}' holds numbers that are not finite.")
-    if form == ("sos",):
-        rows = np.atleast_2d(values[0])
+    arrays, designed_us = _read(folder / name, where)
+    for key in ("numerator", "denominator", "sections", "filter_file"):
+        keys.pop(key, None)  # left by an earlier file, or a default that a recording wrote out
+    keys["designed_us"] = designed_us
+    if "sos" in arrays:
+        rows = np.atleast_2d(arrays["sos"])
         if rows.ndim != 2 or rows.shape[1] != 6:
             raise ValueError(f"{where}: 'sos' has shape {rows.shape}. Give n rows of 6 numbers.")
-        gains = found.get("g", np.ones(1))
-        if gains.size not in (1, len(rows) + 1) or not np.all(np.isfinite(gains)):
-            raise ValueError(
-                f"{where}: 'g' beside 'sos' has {gains.size} numbers. Give the gain, or the gains "
-                f"of the {len(rows)} sections and of the output."
-            )
-        rows[0, :3] *= np.prod(gains)
         keys["sections"] = rows.tolist()
-    else:
-        top, bottom = (np.atleast_1d(np.squeeze(value)) for value in values)
-        for part, value in zip(form, (top, bottom), strict=True):
-            if value.ndim > 1:
-                raise ValueError(
-                    f"{where}: '{part}' has shape {value.shape}, as of several outputs or of "
-                    "a state space. Save the one filter from the samples to the force."
-                )
-        if form == ("num", "den"):
-            top, bottom = np.trim_zeros(top, "f"), np.trim_zeros(bottom, "f")
-            late = len(bottom) - len(top)
-            if late < 0 or not len(top):
-                raise ValueError(
-                    f"{where}: 'num' has {len(top)} coefficients and 'den' {len(bottom)}. A filter "
-                    "that can run has at most as many in 'num'."
-                )
-            top = np.concatenate([np.zeros(late), top])
-        keys["numerator"], keys["denominator"] = top.tolist(), bottom.tolist()
-    keys["designed_us"] = designed_us
+        return
+    if "A" in arrays:
+        keys["sections"] = _sections(arrays, where).tolist()
+        return
+    top, bottom = (np.atleast_1d(np.squeeze(value)) for value in arrays.values())
+    for part, value in zip(arrays, (top, bottom), strict=True):
+        if value.ndim > 1:
+            raise ValueError(
+                f"{where}: '{part}' has shape {value.shape}, as of several outputs. Save the one "
+                "filter from the samples to the force."
+            )
+    if "num" in arrays:
+        top, bottom = np.trim_zeros(top, "f"), np.trim_zeros(bottom, "f")
+        late = len(bottom) - len(top)
+        if late < 0 or not len(top):
+            raise ValueError(
+                f"{where}: 'num' has {len(top)} coefficients and 'den' {len(bottom)}. A filter "
+                "that can run has at most as many in 'num'."
+            )
+        top = np.concatenate([np.zeros(late), top])
+    keys["numerator"], keys["denominator"] = top.tolist(), bottom.tolist()
 
 
-def _form(found: dict[str, np.ndarray], where: str) -> tuple[str, ...]:
-    """Names of the arrays that are the filter. Raises ValueError without exactly one filter."""
-    forms = [form for form in _FORMS if all(part in found for part in form)]
-    # Beside another filter, two numbers `b` and `a` are lengths rather than a gain.
-    filters = [form for form in forms if any(found[part].size > 1 for part in form)] or forms
-    if not filters:
-        raise ValueError(
-            f"{where}: holds no filter. Save the arrays sos, or b and a, or num and den."
-        )
-    if len(filters) > 1:
-        names = " and ".join(", ".join(form) for form in filters)
-        raise ValueError(f"{where}: holds more than one filter: {names}. Save one alone.")
-    if filters == [("b", "a")] and found["b"].size == found["a"].size == 1 and "c, d" in found:
-        raise ValueError(
-            f"{where}: a, b, c and d may be a state space. Save it as the arrays num and den."
-        )
-    return filters[0]
-
-
-def _designed_us(dt: np.ndarray | None, where: str) -> float:
-    """The sampling interval of the design, us; 0 if it is not known. Raises ValueError."""
-    if dt is None or dt.dtype == bool:
-        return 0.0
-    step_s = float(dt.ravel()[0]) if dt.size else 0.0
-    if step_s == 0.0:
-        raise ValueError(
-            f"{where}: dt = 0 marks a continuous filter. Convert it to discrete time at the "
-            "scene's sampling interval, as with control.sample_system."
-        )
-    if dt.size > 1 or not np.isfinite(step_s):
-        raise ValueError(f"{where}: 'dt' must be one finite number, the sampling interval in s.")
-    return max(0.0, 1e6 * step_s)
-
-
-def _arrays(path: Path, where: str) -> dict[str, np.ndarray]:
-    """Arrays of numbers in a file, by name. Raises ValueError."""
-    if path.suffix not in _ENDINGS:
-        raise ValueError(f"{where}: unknown format. Use a file that ends in .npz or .mat.")
-    found: dict[str, Any] = {}
+def _read(path: Path, where: str) -> tuple[dict[str, np.ndarray], float]:
+    """The arrays of the one filter in a file, by name, and its sampling interval, us; 0 if that is
+    unknown. Raises ValueError."""
+    if path.suffix != ".npz":
+        raise ValueError(f"{where}: unknown format. Use a file that ends in .npz.")
     try:
-        if path.suffix == ".npz":
-            with np.load(path, allow_pickle=False) as file:
-                there = set(file.files)
-                for name in set(_NAMES) & there:
-                    if file.zip.read(f"{name}.npy") != _NONE:
-                        found[name] = file[name]
-        else:
-            import scipy.io  # 0.2 s of every start, for files of this kind alone
-
-            found = scipy.io.loadmat(path, squeeze_me=True)
-            there = set(found)
+        with np.load(path, allow_pickle=False) as file:
+            forms = [form for form in _FORMS if set(form) <= set(file.files)]
+            if len(forms) != 1 or {"c", "d"} <= set(file.files):
+                held = "more than one filter" if forms else "no filter"
+                raise ValueError(f"holds {held}. Save {_FORMS_IN_WORDS}")
+            arrays = {part: _numbers(part, file[part]) for part in forms[0]}
+            return arrays, _designed_us(file)
     except OSError as error:
         why = why_unreadable(path, error, "Give the path of a filter.")
         raise ValueError(f"{where}: cannot be read: {why}") from error
-    except Exception as error:  # SciPy raises whatever its parser meets
+    except ValueError as error:
+        raise ValueError(f"{where}: {str(error)[:160].removesuffix('.')}.") from error
+    except Exception as error:  # zipfile raises whatever it meets
         raise ValueError(f"{where}: cannot be read: {str(error)[:120]}") from error
-    numbers = {"c, d": np.empty(0)} if {"c", "d"} <= there else {}
-    for name in _NAMES:
-        if name not in found:
-            continue
-        value = np.asarray(found[name])
-        if np.iscomplexobj(value) and np.any(value.imag != 0.0):
-            raise ValueError(f"{where}: '{name}' has complex numbers. A law needs real ones.")
-        try:
-            numbers[name] = value if value.dtype == bool else value.real.astype(float)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"{where}: '{name}' holds something else than numbers.") from error
-    return numbers
+
+
+def _numbers(part: str, value: np.ndarray) -> np.ndarray:
+    """An array of a file as finite real numbers. Raises ValueError."""
+    if value.dtype.kind not in "iufc":
+        raise ValueError(f"'{part}' holds something else than numbers")
+    if not np.all(np.isfinite(value)):
+        raise ValueError(f"'{part}' holds numbers that are not finite")
+    if np.any(value.imag != 0.0):
+        raise ValueError(f"'{part}' has complex numbers. A law needs real ones")
+    return np.asarray(value.real, float)
+
+
+def _designed_us(file: Any) -> float:
+    """The sampling interval of the design, us; 0 if it is not known. Raises ValueError."""
+    try:
+        dt = file["dt"] if "dt" in file.files else np.array(True)
+    except ValueError:  # None, as NumPy stores it
+        return 0.0
+    if dt.dtype == bool:
+        return 0.0
+    if dt.size != 1 or dt.dtype.kind not in "iuf" or not np.isfinite(dt.item()):
+        raise ValueError("'dt' must be one finite number, the sampling interval in s")
+    if dt.item() == 0.0:
+        raise ValueError(
+            "dt = 0 marks a continuous filter. Convert it to discrete time at the scene's sampling "
+            "interval, as with control.sample_system"
+        )
+    return max(0.0, 1e6 * float(dt.item()))
+
+
+def _sections(arrays: dict[str, np.ndarray], where: str) -> np.ndarray:
+    """Second-order sections of a state space with one input and one output, shape (n, 6).
+
+    With r samples from the input to the output and h their first value, z^r times the transfer
+    function is h + C A^r (z - A)^-1 B: its zeros are the eigenvalues of A - B C A^r/h, of which
+    the r least are those of z^r. Raises ValueError.
+    """
+    from scipy.signal import zpk2sos
+
+    a, b, c, d = arrays.values()
+    n = len(np.atleast_2d(a))
+    if a.size != n * n or b.size != n or c.size != n or d.size != 1:
+        shapes = ", ".join(str(part.shape) for part in (a, b, c, d))
+        raise ValueError(
+            f"{where}: A, B, C and D have the shapes {shapes}. Save the one filter from the "
+            "samples to the force: (n, n), (n, 1), (1, n), (1, 1)."
+        )
+    a, b, c = a.reshape(n, n), b.reshape(n), c.reshape(n)
+    late, first, row = 0, d.item(), c
+    while first == 0.0 and late < n:
+        first = float(row @ b)
+        if abs(first) < _ROUNDING * float(np.abs(row) @ np.abs(b)):
+            first = 0.0
+        late, row = late + 1, row @ a
+    if first == 0.0:
+        return np.array([[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    zeros = np.linalg.eigvals(a - np.outer(b, row) / first)
+    zeros = zeros[np.argsort(np.abs(zeros))[late:]]
+    z = np.exp(1j * np.geomspace(1e-4, np.pi, 100))
+    wanted = np.array([c @ np.linalg.solve(at * np.eye(n) - a, b) + d.item() for at in z])
+    powers = z[:, None] ** -np.arange(3.0)
+    with suppress(ValueError):  # of zeros that rounding has taken out of their pairs
+        # As if r were 0; its stub knows real zeros only.
+        # pyrefly: ignore[bad-argument-type]
+        rows = np.asarray(zpk2sos(zeros, np.linalg.eigvals(a), first))
+        parts = [2] * (late // 2) + [1] * (late % 2)
+        delays = [[0.0, float(r == 1), float(r == 2), 1.0, 0.0, 0.0] for r in parts]
+        rows = np.array([*rows.tolist(), *delays])
+        found = np.prod((powers @ rows[:, :3].T) / (powers @ rows[:, 3:].T), axis=1)
+        if np.abs(found - wanted).max() <= _SAME * np.abs(wanted).max():
+            return rows
+    raise ValueError(
+        f"{where}: the state space is too ill-conditioned to run as a filter. Save sections."
+    )

@@ -43,7 +43,7 @@ class Law:
         identity: Functions of the law and the values that they read; None for a shipped law or a
             library.
 
-    A law declares `senses`, `latches`, `models_yield`, `open_loop` and `not_linear` by these names
+    A law declares `senses`, `latches`, `open_loop` and `not_linear` by these names
     in its module or class.
     """
 
@@ -91,11 +91,6 @@ class Law:
     def latches(self) -> bool:
         """Whether the delay in its state is latched at a threshold."""
         return bool(getattr(self.home, "latches", False))
-
-    @cached_property
-    def models_yield(self) -> bool:
-        """Whether it allows for the permanent indentation of a contact that yields."""
-        return bool(getattr(self.home, "models_yield", False))
 
     @cached_property
     def open_loop(self) -> bool:

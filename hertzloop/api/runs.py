@@ -189,7 +189,6 @@ def simulate(scene: AnyScene) -> Run:
             model_error.expected_error(setup),
             balance.injected_j,
             balance.dent_m,
-            law_models_yield=setup.law_models_yield,
         )
 
     columns = truth_columns(truth, setup, setup.plant.same_point)

@@ -170,7 +170,7 @@ LAW = (
     CommandEntry(
         "law replay",
         "hertzloop.cli.law:replay",
-        "Feed a recording's samples to another law and show where the forces differ.",
+        "Feed a recording's samples to another law and say where the forces differ.",
         "law replay aluminium-20mm.mcap --law shifted_threshold",
     ),
     CommandEntry(

@@ -29,14 +29,13 @@ from hertzloop.processes.launcher import RunFailed
 from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
 from hertzloop.recordings.reader import Recording, read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.recorded import reported_law
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import parse_setting
 from hertzloop.views.format import Table
 from hertzloop.warmup import Work
 
 if TYPE_CHECKING:
-    from hertzloop.studies.law_replay.result import ForceComparison
+    from hertzloop.studies.law_replay import ForceComparison
 
 
 def list_laws() -> None:
@@ -119,24 +118,16 @@ def replay(
         list[str] | None,
         typer.Option("--set", help="Change a key of the law, for example controller.kappa=0.5."),
     ] = None,
-    picture: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Write the picture here; default: F-law.png.")
-    ] = None,
-    overwrite: options.OverwriteOption = False,
     json_file: options.JsonOption = None,
 ) -> None:
-    """Feed a recording's samples to another law and show where the forces differ.
+    """Feed a recording's samples to another law and say where the forces differ.
 
     The exit code is 1 if they differ. The samples stay as recorded: --set changes keys of the
     controller only.
     """
-    from hertzloop.studies.law_replay.chart import draw_forces  # of an extra
-    from hertzloop.studies.law_replay.law_replay import replay_law, scene_with
+    from hertzloop.studies.law_replay import replay_law, scene_with
 
-    target = picture or file.with_name(f"{file.stem}-law.png")
-    outputs.check_picture(target)
-    outputs.check_output(target, overwrite, read=[file])
-    outputs.check_json(json_file, target)
+    outputs.check_json(json_file, file)
     prepare.check_given_once(settings or [], None)
     keys = dict(parse_setting(text) for text in settings or [])
     _check_keys(keys)
@@ -146,10 +137,7 @@ def replay(
     say_problems(recording)
     if note := loaded_law(setup).identity_note():
         err.say(note)
-    law_used = reported_law(recording)[0] or recording.metadata.get("law") or "as recorded"
-    draw_forces(found, (f"recorded: {law_used}", loaded_law(setup).name), target)
     out.say(_difference(found, loaded_law(setup).name))
-    out.say(f"written: {target}")
     outputs.write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
     if found.first is not None:
         raise typer.Exit(1)

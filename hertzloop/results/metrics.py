@@ -74,7 +74,6 @@ class RunResult:
         dent_m: permanent indentation, m.
         late: whether forces came too late, so that the law alone did not decide.
         saturation: saturation of the sensor, if any.
-        law_models_yield: whether the law declares that it allows for a permanent indentation.
         complete: whether the metrics are of all steps of the run.
     """
 
@@ -85,7 +84,6 @@ class RunResult:
     dent_m: float = 0.0
     late: bool = False
     saturation: Saturation | None = None
-    law_models_yield: bool = False
     complete: bool = True
 
 

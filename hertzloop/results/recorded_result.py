@@ -22,7 +22,6 @@ def recorded_result(
         dent_m=balance.dent_m if balance else 0.0,
         late=pacing is not None,
         saturation=saturation_of(recording.events),
-        law_models_yield=setup.law_models_yield,
         complete=missing_from(recording, setup) is None,
     )
 

@@ -300,11 +300,10 @@ def _reasons(result: RunResult, contact_s: float) -> Reasons:
     push = result.metrics.push
     assert push is not None
     late = push.after_touch_s / contact_s
-    mistaken = result.dent_m != 0.0 and not result.law_models_yield
     return Reasons(
         after_touch_s=push.after_touch_s if late > _MUCH else None,
         late_share=late if late > _MUCH else None,
         apart=push.apart if push.apart > _MUCH else None,
         injected_j=result.injected_j if result.injected_j > 0.0 else None,
-        dent_m=result.dent_m if mistaken else None,
+        dent_m=result.dent_m or None,
     )

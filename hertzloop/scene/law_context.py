@@ -14,14 +14,6 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 
 
-def law_models_yield(table: ControllerTable) -> bool:
-    """Whether the law declares that it allows for a permanent dent; false if it is missing."""
-    try:
-        return table.loaded_law.models_yield
-    except LawError:
-        return False
-
-
 def law_reach(table: ControllerTable) -> ForceBound:
     """How far the force of the law can go; without limit if the law is not there any more, as that
     of a recording may be. Raises SceneError."""

@@ -23,7 +23,7 @@ from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.infinite_plate import InfinitePlate
-from hertzloop.scene.law_context import about_mechanics, law_models_yield, law_reach
+from hertzloop.scene.law_context import about_mechanics, law_reach
 from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import parse as parse_scene
 from hertzloop.scene.mechanics import Mechanics, resolve_mechanics
@@ -62,8 +62,6 @@ class Setup:
     """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
     reach: ForceBound = field(compare=False)
     """bound on the law's force"""
-    law_models_yield: bool = field(compare=False)
-    """whether the law declares that it allows for a permanent dent; false if it is missing"""
     with_edges: PlantSpec = field(compare=False)
     """the plant with modes, whether or not these are used"""
     infinite_plate: InfinitePlate = field(compare=False)
@@ -311,7 +309,6 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         line=line,
         latency_us=latency_us,
         reach=reach,
-        law_models_yield=law_models_yield(control),
         with_edges=with_edges,
         infinite_plate=infinite_plate,
         plate_model=plate_model,

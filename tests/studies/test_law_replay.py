@@ -7,7 +7,7 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.setup import load
-from hertzloop.studies.law_replay.law_replay import replay_law, scene_with
+from hertzloop.studies.law_replay import replay_law, scene_with
 from tests.recordings.rewriting import messages, record, rewrite
 
 

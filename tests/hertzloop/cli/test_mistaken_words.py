@@ -55,8 +55,6 @@ ANSWERS = {
     "law replay a.mcap --law off --set controller.law=predicted": "--law names the law. Remove one",
     "law replay a.mcap --law off --set sensors.bits=4":
     "--set sensors.bits = 4: has no effect on recorded samples. Set keys of [controller] only",
-    "law replay a.mcap --law off -o a.mcap":
-    "a.mcap: unknown picture format. Use a name that ends in .png",
     "repair a.csv": f"nothing to recover: a.csv{NO_MCAP}",
     "report a.partial -o r": "is unfinished. Run the command that started it again",
     "replay a.mcap --screenshot a.jpg": "--screenshot = a.jpg: must end in .png",

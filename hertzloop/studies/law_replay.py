@@ -1,4 +1,6 @@
-"""Feed the samples of a recording to another law."""
+"""The study `law replay`: the samples of a recording, fed to another law."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -6,7 +8,16 @@ from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.setup import Setup, parse
-from hertzloop.studies.law_replay.result import ForceComparison
+
+
+@dataclass(frozen=True)
+class ForceComparison:
+    """Forces (N) of every step that both know, and the first step at which they differ."""
+
+    recorded_n: np.ndarray
+    other_n: np.ndarray
+    first: int | None
+    step_s: float
 
 
 def scene_with(recording: Recording, law: str, settings: dict[str, object]) -> Setup:
