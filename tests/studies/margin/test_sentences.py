@@ -25,7 +25,7 @@ STABLE = Margin(True, "", True, 0, 0.0, None, 0.0, 20.0, 76, 76.05, [[0.0, 76.05
                     growth_frequency_hz=4600.0, e_folds=0.4),
             "unstable in flight at 20 us: grows 40/s at 4600 Hz",
         ),
-        (Margin(False, "it waits"), "The loop in flight is not linear, so it has no margin."),
+        (Margin(False, "it waits"), "The law has no linear loop in flight, so it has no margin."),
     ],
 )  # fmt: skip
 def test_the_verdict_is_the_first_line(found, says):
