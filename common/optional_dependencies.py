@@ -16,7 +16,6 @@ EXTRAS = {
     "RigolWFM": "scopes",
     "asammdf": "mdf",
     "distributed": "dask",
-    "SALib": "uncertain",
     "control": "control",
     "optuna": "comparisons",
     "pymcap_cli": "comparisons",

@@ -69,14 +69,6 @@ MostCasesOption = Annotated[
         rich_help_panel=_UNCERTAIN,
     ),
 ]
-SobolOption = Annotated[
-    int,
-    typer.Option(
-        min=0,
-        help="Base points for Sobol indices, a power of 2; 0 for none.",
-        rich_help_panel=_UNCERTAIN,
-    ),
-]
 LawOption = Annotated[
     str | None, typer.Option(help="Use this law, by name or file; default: the law of the scene.")
 ]
@@ -111,7 +103,6 @@ def budget(
     workers: WorkersOption = None,
     within: WithinOption = BudgetRequest.within,
     most_cases: MostCasesOption = BudgetRequest.most_cases,
-    sobol: SobolOption = 0,
     scene: options.SceneArgument = DEFAULT,
     law: LawOption = None,
     settings: options.SetOption = None,
@@ -140,7 +131,6 @@ def budget(
         uncertain=uncertain_file,
         within=within,
         most_cases=most_cases,
-        sobol=sobol,
     )
     outputs.check_json(json_file)
     if requirements is not None:
@@ -192,6 +182,6 @@ def _print_result(
     likely = result.probability
     if likely:
         command = run_command(scene, likely.worst, changes, plan.setup.seed)
-        print_probability(likely, result.sensitivities, command)
+        print_probability(likely, command)
         data["probability"]["worst_command"] = command
     return data

@@ -7,7 +7,6 @@ from hertzloop.common import readable
 from hertzloop.studies.budget.limits import LEAST, Boundary
 from hertzloop.studies.budget.probability import Probability
 from hertzloop.studies.budget.result import BudgetResult, InPlant
-from hertzloop.studies.budget.sensitivity import Sensitivity
 from hertzloop.studies.budget.stability import instability
 from hertzloop.studies.margin.sentences import margin_lines
 from hertzloop.views.format import Table
@@ -176,7 +175,7 @@ def _limits_table(plants: list[tuple[str, InPlant]]) -> Table:
     return table
 
 
-def print_probability(likely: Probability, indices: Sequence[Sensitivity], worst: str) -> None:
+def print_probability(likely: Probability, worst: str) -> None:
     """Print how likely the goals are met."""
     out.say(probability_line(likely))
     names = ("plate_energy_db", "rebound_percent", "radiated_db", "peak_force_n")
@@ -185,17 +184,6 @@ def print_probability(likely: Probability, indices: Sequence[Sensitivity], worst
     for name in names:
         table.add_row(name, *(f"{x:.4g}" for x in likely.quantiles[name].values()))
     out.print(table)
-    if indices:
-        title = "Sobol indices, each with half its 95 % interval"
-        shares = Table("keys", right=("metric", "first order", "total"), title=title)
-        for one in indices:
-            shares.add_row(
-                ", ".join(one.keys),
-                one.metric,
-                f"{one.first:z.3f} ± {one.first_half:z.3f}",
-                f"{one.total:z.3f} ± {one.total_half:z.3f}",
-            )
-        out.print(shares)
     out.say(f"Run the worst case again: {worst}")
 
 

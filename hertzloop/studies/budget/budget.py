@@ -13,7 +13,6 @@ from hertzloop.studies.budget.plant_limits import LimitProblem, limits_of
 from hertzloop.studies.budget.probability import Draws, probability
 from hertzloop.studies.budget.real_plant import real_plant
 from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nearest
-from hertzloop.studies.budget.sensitivity import sensitivities
 from hertzloop.studies.budget.stability import linear_margin, stable_under
 from hertzloop.studies.cases.evaluate import CaseTally, Pool, evaluate
 from hertzloop.studies.cases.finished_cases import FinishedCases
@@ -79,13 +78,10 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     (other_row,) = evaluate(counted, setup, OTHER[scene.span], [{}])
     cases = tally.cases
     likely = None
-    indices = []
     if plan.uncertain is not None:
         draws = Draws(plan.uncertain, request.within, request.most_cases)
         stable = stable_under(setup, ideal.margin)
         likely = probability(setup, goals, draws, scene.run(counted), stable)
-        if request.sobol:
-            indices = sensitivities(setup, goals, plan.uncertain, request.sobol, scene.run(counted))
     on_progress(1.0)
     return BudgetResult(
         scene=setup.name,
@@ -97,7 +93,6 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         other=others[0] if others else None,
         other_db=other_row["plate_energy_db"],
         probability=likely,
-        sensitivities=tuple(indices),
         cases=cases,
         all_cases=tally.cases,
         failed=tuple(str(row["status"]) for row in failed(tally.without_result)),

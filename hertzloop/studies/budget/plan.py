@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.scene.setup import Setup
@@ -50,7 +49,6 @@ def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
 
     Raises:
         SceneError: there is no law, or a goal, a quantity or an option cannot be used.
-        ModuleNotFoundError: Sobol indices are asked for, and SALib is not installed.
     """
     check_conserves(setup.scheme)
     goals = tuple(parse_goal(text) for text in request.goals or [DEFAULT_GOAL])
@@ -71,11 +69,4 @@ def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
                 f"--{option.replace('_', '-')} = {value:g}: has no effect without --uncertain. "
                 "Remove it, or name a file of distributions."
             )
-    sobol = request.sobol
-    if sobol and not uncertain:
-        raise SceneError("--sobol needs --uncertain. Name a file of distributions")
-    if sobol & (sobol - 1):
-        raise SceneError(f"--sobol = {sobol}: must be a power of 2, for example 256")
-    if sobol:
-        need("SALib")
     return BudgetPlan(setup, goals, uncertain, request)

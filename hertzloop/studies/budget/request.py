@@ -24,7 +24,6 @@ class BudgetRequest:
         uncertain: File or scene with distributions, for the probability that the goals are met.
         within: Half the width at which the interval of the probability is narrow enough.
         most_cases: Largest number of cases drawn for the probability.
-        sobol: Base points for Sobol indices, a power of 2; 0: none.
     """
 
     goals: Sequence[str] = ()
@@ -36,7 +35,6 @@ class BudgetRequest:
     uncertain: Path | None = None
     within: float = 0.03
     most_cases: int = 4096
-    sobol: int = 0
 
     @property
     def first_span(self) -> Span:

@@ -8,7 +8,6 @@ from hertzloop.results.spans import Span
 from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import BudgetLimit
 from hertzloop.studies.budget.probability import Probability
-from hertzloop.studies.budget.sensitivity import Sensitivity
 from hertzloop.studies.cases.touch_phases import Spread
 from hertzloop.studies.margin.flight import Margin
 
@@ -65,7 +64,6 @@ class BudgetResult:
         other: The same as `ideal` by metrics of the other span; None if it was not asked for.
         other_db: Change of the plate energy over the other span, dB; None without one.
         probability: How likely the goals are met with uncertain keys, if asked for.
-        sensitivities: Sobol indices of the uncertain keys.
         cases: Number of cases that the limits took.
         all_cases: Number of all cases.
         failed: The reason of each case that failed in its run.
@@ -80,7 +78,6 @@ class BudgetResult:
     other: InPlant | None
     other_db: float | None
     probability: Probability | None
-    sensitivities: tuple[Sensitivity, ...]
     cases: int
     all_cases: int
     failed: tuple[str, ...] = ()
@@ -113,14 +110,9 @@ class BudgetResult:
             "real_plant_unstable": real.unstable if real else None,
             "linear_margin": _margin(ideal.margin),
             "unstable": ideal.unstable,
-            "probability": self._probability(),
+            "probability": asdict(self.probability) if self.probability else None,
             "cases": self.cases,
         }
-
-    def _probability(self) -> dict[str, Any] | None:
-        if self.probability is None:
-            return None
-        return asdict(self.probability) | {"sobol": [asdict(one) for one in self.sensitivities]}
 
 
 def nearest(limits: Iterable[BudgetLimit]) -> list[BudgetLimit]:

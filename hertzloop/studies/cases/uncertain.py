@@ -22,15 +22,15 @@ _NORMAL = NormalDist()
 
 @dataclass(frozen=True)
 class UncertainInput:
-    """One scene key, or several correlated ones, with a distribution.
+    """One scene key with a distribution, or the keys that a fit found together.
 
     Attributes:
         keys: the scene keys.
-        kind: normal, log_normal, uniform, triangular, values, correlated, or fitted (the logarithms
-            are correlated).
+        kind: normal, log_normal, uniform, triangular, values, or fitted (the logarithms are
+            correlated).
         numbers: of the distribution, in the unit of the key, in the order of the documentation of
-            the file; the measured values; or the means of correlated keys (medians of fitted ones).
-        factor: of correlated keys, a square root of the covariance, rows as `keys`.
+            the file; the measured values; or the medians of fitted keys.
+        factor: of fitted keys, a square root of the covariance of their logarithms, rows as `keys`.
         resolutions: how far apart the values of each key are, 0 for any number.
     """
 
@@ -42,16 +42,15 @@ class UncertainInput:
 
     def at(self, shares: Sequence[float]) -> dict[str, Any]:
         """Return the values at a point of the unit cube, one number in (0, 1) a key."""
-        found = self._correlated(shares) if self.factor else [self._single(shares[0])]
+        found = self._fitted(shares) if self.factor else [self._single(shares[0])]
         return {
             key: on_resolution(value, resolution)
             for key, value, resolution in zip(self.keys, found, self.resolutions, strict=True)
         }
 
-    def _correlated(self, shares: Sequence[float]) -> list[float]:
+    def _fitted(self, shares: Sequence[float]) -> list[float]:
         away = np.array(self.factor) @ [_NORMAL.inv_cdf(share) for share in shares]
-        found = self.numbers * np.exp(away) if self.kind == "fitted" else self.numbers + away
-        return [float(x) for x in found]
+        return [float(x) for x in self.numbers * np.exp(away)]
 
     def _single(self, share: float) -> float:
         one = self.numbers

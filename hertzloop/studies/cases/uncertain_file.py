@@ -60,8 +60,7 @@ def uncertain_of(data: Mapping[str, Any], setup: Setup, name: str = "uncertain")
     """Return the uncertain keys that a table describes.
 
     Args:
-        data: By scene key, a table with `distribution` and its numbers; or under "correlated", a
-            list of tables with keys, mean and covariance.
+        data: By scene key, a table with `distribution` and its numbers.
         setup: The scene that has the keys.
         name: What the table is called in an error.
 
@@ -74,18 +73,7 @@ def uncertain_of(data: Mapping[str, Any], setup: Setup, name: str = "uncertain")
 def _parts(data: Any, setup: Setup, name: str) -> tuple[UncertainInput, ...]:
     if not isinstance(data, Mapping):
         raise SceneError(f"{name}, uncertain = {shown(data)}: must be a table of scene keys")
-    if not isinstance(data.get("correlated", []), list):
-        raise SceneError(
-            f"{name}, correlated = {shown(data['correlated'])}: must be a list. Write "
-            "[[correlated]]"
-        )
-    parts = []
-    for key, given in data.items():
-        if key == "correlated":
-            parts += [_correlated(each, setup, name) for each in given]
-        else:
-            parts.append(_part(key, given, setup, name))
-    return tuple(parts)
+    return tuple(_part(key, given, setup, name) for key, given in data.items())
 
 
 def _checked(parts: tuple[UncertainInput, ...], setup: Setup, name: str) -> UncertainInputs:
@@ -134,35 +122,6 @@ def _part(key: str, given: Any, setup: Setup, name: str) -> UncertainInput:
     if kind in ("normal", "log_normal") and not numbers[1] > 0.0:
         raise SceneError(f"{name}, {key}.{wanted[1]} = {numbers[1]:g}: must be above 0. Change it")
     return UncertainInput((key,), kind, numbers, (), resolutions)
-
-
-def _correlated(given: Any, setup: Setup, name: str) -> UncertainInput:
-    table = given if isinstance(given, dict) else {}
-    for part in ("keys", "covariance"):
-        if not isinstance(table.get(part), list):
-            raise SceneError(
-                f"{name}, correlated.{part} = {shown(table.get(part))}: must be a list. Give one"
-            )
-    keys = tuple(map(str, table["keys"]))
-    mean = _floats(table.get("mean", []), len(keys), "correlated.mean", name)
-    rows = [_floats(row, len(keys), "correlated.covariance", name) for row in table["covariance"]]
-    try:
-        matrix = np.array(rows)
-        if len(keys) < 2 or len(rows) != len(keys) or not np.allclose(matrix, matrix.T):
-            raise np.linalg.LinAlgError
-        factor = np.linalg.cholesky(matrix)
-    except np.linalg.LinAlgError:
-        raise SceneError(
-            f"{name}, correlated: needs keys, mean and a symmetric positive definite covariance "
-            "with a row and a column a key. Give at least two keys"
-        ) from None
-    return UncertainInput(
-        keys,
-        "correlated",
-        mean,
-        tuple(tuple(map(float, row)) for row in factor),
-        tuple(setup.resolution_of(key) for key in keys),
-    )
 
 
 def _fitted(table: FitTable, setup: Setup, name: str) -> UncertainInput:

@@ -1,4 +1,4 @@
-"""Probabilities of a goal: intervals, uncertain inputs, and Sobol indices."""
+"""Probabilities of a goal: intervals and uncertain inputs."""
 
 import math
 
@@ -11,7 +11,6 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.studies.budget.goal import METRICS, parse_goal
 from hertzloop.studies.budget.probability import FIRST, Draws, probability, wilson
-from hertzloop.studies.budget.sensitivity import sobol_indices
 from hertzloop.studies.cases.axis import Axis
 from hertzloop.studies.cases.design import Design
 from hertzloop.studies.cases.evaluate import evaluate
@@ -57,38 +56,6 @@ def test_the_interval_holds_probabilities_that_are_not_rare_in_93_to_97_percent(
     covered = [exact_coverage(0.01 * percent, 0.03) for percent in range(5, 96)]
     assert min(covered) >= 0.93
     assert max(covered) <= 0.97
-
-
-class _Loose:
-    """A setup that accepts any value: the distribution reaches below zero."""
-
-    def resolution_of(self, key):
-        return 0.0
-
-    def vary(self, values):
-        return self
-
-
-def test_a_correlated_normal_keeps_its_covariance():
-    covariance = [[4e-6, 1.5e-6], [1.5e-6, 1e-6]]
-    found = uncertain_of(
-        {
-            "correlated": [
-                {
-                    "keys": ["sphere.drop_height_m", "plate.thickness_m"],
-                    "mean": [0.05, 0.003],
-                    "covariance": covariance,
-                }
-            ]
-        },
-        _Loose(),
-    )
-    drawn = [found.draw(3, number) for number in range(20_000)]
-    values = np.array([[one[key] for key in found.keys] for one in drawn])
-    assert values.mean(axis=0) == pytest.approx([0.05, 0.003], abs=1e-4)
-    assert np.cov(values.T) == pytest.approx(np.array(covariance), rel=0.05)
-    assert drawn[7] == found.draw(3, 7)
-    assert drawn[7] != found.draw(4, 7)
 
 
 def test_distributions_have_their_quantiles():
@@ -178,11 +145,8 @@ def test_a_case_with_an_unstable_linear_loop_misses_the_goals():
      ({"sphere.radius_m": {"distribution": "normal", "mean": 1.0}}, "needs mean"),
      ({"sphere.radius_m": {"distribution": "uniform", "low": 2, "high": 1}}, "increase"),
      ({"sphere.radius_m": {"distribution": "values", "values": 5}}, "values = 5: must be a list"),
-     ({"correlated": [{"keys": 5}]}, "correlated.keys = 5: must be a list"),
-     ({"correlated": [{"keys": ["a", "b"], "covariance": 5}]}, "covariance = 5: must be a list"),
      ({"sphere.radius": {"distribution": "uniform", "low": 1, "high": 2}}, "sphere.radius"),
-     ({"correlated": [{"keys": ["a.b", "a.c"], "mean": [1, 2],
-                       "covariance": [[1, 2], [2, 1]]}]}, "positive definite")],
+     ({"correlated": [{"keys": ["a.b"]}]}, "correlated.distribution = None: is unknown")],
 )  # fmt: skip
 def test_distributions_that_make_no_sense_are_refused(data, word):
     with pytest.raises(SceneError, match=word):
@@ -193,7 +157,6 @@ def test_distributions_that_make_no_sense_are_refused(data, word):
     ("text", "said"),
     [
         ("uncertain = 3", "uncertain = 3: must be a table of scene keys"),
-        ("correlated = 3", "correlated = 3: must be a list"),
         ('[fit]\nkeys = ["a"]', "fit.values: Field required. Write the scene again"),
         ("a = ", "cannot be read"),
     ],
@@ -203,22 +166,6 @@ def test_a_file_of_distributions_that_cannot_be_is_refused(tmp_path, text, said)
     path.write_text(text)
     with pytest.raises(SceneError, match=said):
         read_uncertain(path, load("aluminium-3mm"))
-
-
-def test_sobol_indices_of_the_ishigami_function():
-    pytest.importorskip("SALib")
-    parts = [UncertainInput((key,), "uniform", (-math.pi, math.pi)) for key in ("a", "b", "c")]
-
-    def run(points):
-        x = np.array(points) * 2.0 * math.pi - math.pi
-        y = np.sin(x[:, 0]) + 7.0 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
-        return [{"y": float(value)} for value in y]
-
-    found = sobol_indices(parts, ["y"], 8192, run)
-    first = [0.3139, 0.4424, 0.0]
-    total = [0.5576, 0.4424, 0.2437]
-    assert [one.first for one in found] == pytest.approx(first, abs=0.02)
-    assert [one.total for one in found] == pytest.approx(total, abs=0.02)
 
 
 def test_a_sweep_records_every_drawn_value(tmp_path):
