@@ -24,13 +24,13 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.spans import Span
+from hertzloop.results.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows
-from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.studies.pages import words
 from hertzloop.studies.tune.plan import LAWS
 

@@ -25,11 +25,12 @@ from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Columns, Results, results_in
 from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail, out
+from hertzloop.results.touch_phases import Spread, spread_of
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.real_plant import NOISE, REAL
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.touch_phases import Spread, at_all, spread_of
+from hertzloop.studies.cases.touch_phases import at_all
 from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.tune.plan import LAWS

@@ -1,6 +1,6 @@
 """Runs for scripts: simulate, run, read and compare."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -30,14 +30,19 @@ if TYPE_CHECKING:
     from hertzloop.plant.plant import Balance
     from hertzloop.recordings.recording import Event
     from hertzloop.results.comparison import Comparison
+    from hertzloop.results.metric_rows import MetricRow
     from hertzloop.results.metrics import RunResult
     from hertzloop.results.repeatability import NotRepeatable
     from hertzloop.results.span_metrics import RunMetrics
+    from hertzloop.results.verdict import Assessment
 
 TransportName = Literal["zenoh", "inprocess", "compiled"]
 
 
-@dataclass(frozen=True)
+_LINES = 6  # of a run that is printed
+
+
+@dataclass(frozen=True, repr=False)
 class Run:
     """A simulated run, from memory or from a recording.
 
@@ -121,18 +126,40 @@ class Run:
         return RunMetrics(found.first_impact, found.whole_run)
 
     @cached_property
+    def _assessment(self) -> "Assessment":
+        from hertzloop.results.metrics import free_metrics
+        from hertzloop.results.verdict import assess
+
+        setup = resolve(self.scene)
+        return assess(setup, self._result, free_metrics(setup), self._not_repeatable)
+
+    @property
     def verdict(self) -> list[str]:
         """Sentences of the verdict that `hertzloop run` prints.
 
-        The property simulates the run without control.
+        The property simulates the run without control, and repeats the run at other touch phases.
         """
-        from hertzloop.results.metrics import free_metrics
-        from hertzloop.results.verdict import assess
         from hertzloop.views.verdict import verdict_sentences
 
-        setup = resolve(self.scene)
-        found = assess(setup, self._result, free_metrics(setup), self._not_repeatable)
-        return verdict_sentences(found)
+        return verdict_sentences(self._assessment)
+
+    @property
+    def rows(self) -> "Sequence[MetricRow]":
+        """Metrics with their errors, their ranges over the touch phase, and the values without
+        control; computed as for `verdict`.
+        """
+        return self._assessment.rows
+
+    def __str__(self) -> str:
+        """The scene, the verdict and the recording, in at most six lines."""
+        lines = [f"Scene {self.scene.name}, law {self.scene.controller.law}."]
+        found = self.verdict[: _LINES - 1 - (self.path is not None)]
+        recording = [f"Recording: {self.path}"] if self.path else []
+        return "\n".join([*lines, *found, *recording])
+
+    def __repr__(self) -> str:
+        of = f", recording {str(self.path)!r}" if self.path else ""
+        return f"<Run of {self.scene.name}, {len(self.impacts)} contacts{of}>"
 
     def without_control(self) -> "Run":
         """Simulate the run with the law off, on the same plate model.
@@ -350,14 +377,15 @@ def compare(a: "Run | RunMetrics", b: "Run | RunMetrics") -> "Comparison":
 
     Args:
         a: the reference.
-        b: the run to compare with it.
+        b: the run to compare with it. Of bare metrics no error is known.
 
     Returns:
         One row per metric. `print` shows the table of `hertzloop compare --metrics`.
     """
-    from hertzloop.results.comparison import compared
+    from hertzloop.results.comparison import comparison, values_in, without_errors
     from hertzloop.views.comparison import PrintedComparison
 
-    left, right = (one.metrics if isinstance(one, Run) else one for one in (a, b))
-    found = compared(left, right)
-    return PrintedComparison(found.rows)
+    left, right = (
+        values_in(one.rows) if isinstance(one, Run) else without_errors(one) for one in (a, b)
+    )
+    return PrintedComparison(comparison(left, right))

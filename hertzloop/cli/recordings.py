@@ -135,6 +135,7 @@ def compare(
         ),
     ] = False,
     json_file: options.JsonOption = None,
+    details: options.DetailsOption = False,
 ) -> None:
     """Compare the bytes or the metrics of two recordings.
 
@@ -142,6 +143,8 @@ def compare(
     """
     if json_file and not metrics:
         fail(f"--json = {json_file}: there are no metrics to write. Add --metrics.")
+    if details and not metrics:
+        fail("--details: there are no metrics to print. Add --metrics.")
     if tolerance and metrics:
         fail("--tolerance: cannot be combined with --metrics. Remove one of the two.")
     outputs.check_json(json_file, a, b)
@@ -149,7 +152,7 @@ def compare(
     say_problems(left)
     say_problems(right)
     if metrics:
-        _compare_metrics(left, right, json_file)
+        _compare_metrics(left, right, json_file, details)
         return
     until = _horizon(left, tolerance) if tolerance else None
     difference = first_difference(left, right, tolerance, until)
@@ -168,31 +171,29 @@ def compare(
     )
 
 
-def _compare_metrics(left: Recording, right: Recording, json_file: Path | None) -> None:
+def _compare_metrics(
+    left: Recording, right: Recording, json_file: Path | None, details: bool
+) -> None:
     """Print the metrics of both runs, and their change."""
-    from hertzloop.results.comparison import compared
+    from hertzloop.results.comparison import Comparison, comparison, values_in
     from hertzloop.results.inspection import inspected
-    from hertzloop.results.span_metrics import RunMetrics
     from hertzloop.views.comparison import comparison_table
 
-    metrics, errors = [], []
+    found = []
     for recording in (left, right):
         one = inspected(recording)
-        found = one.assessment
-        if found is None or found.result.metrics.first_impact is None:
+        if one.assessment is None or one.assessment.result.metrics.first_impact is None:
             why = [*one.problems, "there is no contact in it"][0]
             fail(f"{recording.path} has no metrics: {why}", 1)
-        own = found.result.metrics
-        metrics.append(RunMetrics(own.first_impact, own.whole_run))
-        errors.append(found.predictability.controlled)
+        found.append(values_in(one.assessment.rows))
         out.say(
-            f"{'AB'[len(metrics) - 1]}: {recording.path}, scene "
+            f"{'AB'[len(found) - 1]}: {recording.path}, scene "
             f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}"
         )
-    comparison = compared(metrics[0], metrics[1], errors[0], errors[1])
-    out.print(comparison_table(comparison))
+    both = Comparison(comparison(*found))
+    out.print(comparison_table(both, details))
     named = {"a": str(left.path), "b": str(right.path)}
-    outputs.write_json(json_file, {**named, "metrics": list(map(asdict, comparison.rows))})
+    outputs.write_json(json_file, {**named, "metrics": list(map(asdict, both.rows))})
 
 
 def _horizon(recording: Recording, tolerance: float) -> int | None:

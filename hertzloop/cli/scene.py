@@ -101,7 +101,7 @@ def check(
     prepare.compile_first(resolved, works=CASES)
 
     # 0.07 s, which the other commands save.
-    from hertzloop.results.effects import EffectState, neglected_of_scene
+    from hertzloop.results.effects import neglected_of_scene
     from hertzloop.views.effects import neglected_lines, not_evaluated, table_of
     from hertzloop.views.run_json import effects_as_json
 
@@ -113,9 +113,6 @@ def check(
         out.print("No contact occurs within the run, so no effect is neglected.")
     else:
         print_all(out, [table_of(neglected.checks), *neglected_lines(neglected.checks)])
-        for one in neglected.checks:
-            if one.state == EffectState.NOT_KNOWN:
-                out.say(f"Unknown: {one.sentence}.")
         if lacking := not_evaluated(neglected):
             out.say(lacking)
     outputs.write_json(json_file, {"scene": resolved.name, **found})

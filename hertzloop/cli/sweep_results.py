@@ -16,11 +16,12 @@ from hertzloop.cli.terminal import err, out
 from hertzloop.common.readable import quantity
 from hertzloop.results.cases import SHOWN
 from hertzloop.results.spans import OTHER, Span
+from hertzloop.results.touch_phases import TOUCH_PHASE_KEY
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows, with_metric
-from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, grouped
+from hertzloop.studies.cases.touch_phases import grouped
 from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.sweep import sweep as sweep_study
 from hertzloop.studies.sweep.plan import SweepPlan

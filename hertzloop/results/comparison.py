@@ -1,10 +1,11 @@
 """The metrics of two runs, side by side."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 
-from hertzloop.results.predictability import ImpactErrors, error_of
-from hertzloop.results.span_metrics import DECIBELS, SPAN_METRICS, RunMetrics, decibels
+from hertzloop.results.metric_rows import MetricRow, SpanName, UncertainValues, compared, uncertain
+from hertzloop.results.span_metrics import SPAN_METRICS, RunMetrics
 
 
 @dataclass(frozen=True)
@@ -16,11 +17,14 @@ class Difference:
         metric: name of the metric in `SpanMetrics`.
         a: value of the first run, SI units.
         b: value of the second run, SI units.
-        b_to_a: change from a to b in `unit`; nan where no ratio is defined.
-        unit: "dB" for energies and amplitudes, "%" for other quantities, "" for a count.
-        a_error: largest absolute error of `a`; 0 if all its digits are predictable, or if nothing
-            is known of them.
+        b_to_a: change from a to b in `unit`; nan where it is not defined.
+        unit: "dB" for energies, speeds and pressures, "%" for other quantities; the SI unit of what
+            is compared by its difference.
+        a_error: largest absolute error of `a`, infinite if no digit is predictable; 0 if nothing is
+            known of it.
         b_error: the same of `b`.
+        a_range: least and largest value of `a` over the touch phases.
+        b_range: the same of `b`.
     """
 
     span: str
@@ -29,8 +33,10 @@ class Difference:
     b: float
     b_to_a: float
     unit: str
-    a_error: float = 0.0
-    b_error: float = 0.0
+    a_error: float
+    b_error: float
+    a_range: tuple[float, float]
+    b_range: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -38,51 +44,65 @@ class Comparison:
     """All metrics of two runs.
 
     Attributes:
-        rows: the metrics of the first impact, then those of the whole run.
+        metrics: the metrics as rows; `value` is that of the second run, `reference` that of the
+            first.
     """
 
-    rows: tuple[Difference, ...]
+    metrics: tuple[MetricRow, ...]
+
+    @property
+    def rows(self) -> tuple[Difference, ...]:
+        """The metrics of the first impact, then those of the whole run."""
+        return tuple(map(_difference, self.metrics))
 
 
-def compared(
-    a: RunMetrics,
-    b: RunMetrics,
-    a_known: Sequence[ImpactErrors] | None = None,
-    b_known: Sequence[ImpactErrors] | None = None,
-) -> Comparison:
+def values_in(rows: Iterable[MetricRow]) -> UncertainValues:
+    """Return the values of a run by span and name of the metric."""
+    return {(row.span, row.metric): row.value for row in rows}
+
+
+def without_errors(metrics: RunMetrics) -> UncertainValues:
+    """Return metrics of which no error is known."""
+    spans: tuple[tuple[SpanName, object], ...] = (
+        ("first_impact", metrics.first_impact),
+        ("whole_run", metrics.whole_run),
+    )
+    return {
+        (span, name): uncertain(float(value))
+        for span, found in spans
+        if found is not None
+        for name, value in vars(found).items()
+    }
+
+
+def comparison(a: UncertainValues, b: UncertainValues) -> tuple[MetricRow, ...]:
     """Compare the spans that both runs have.
 
     Args:
         a: Metrics of the first run.
         b: Metrics of the second run.
-        a_known: Errors of each impact of the first run; None if they are not known.
-        b_known: Errors of each impact of the second run.
     """
-    return Comparison(
-        tuple(
-            replace(
-                row,
-                a_error=error_of(a_known, row.span, row.metric),
-                b_error=error_of(b_known, row.span, row.metric),
-            )
-            for row in _rows(a, b)
-        )
+    lacking = {
+        span
+        for found in (a, b)
+        for span in ("first_impact", "whole_run")
+        if (span, "contacts") not in found or math.isnan(found[span, "contacts"].value)
+    }
+    found = (row for row in compared(b, a) if row.metric in SPAN_METRICS)
+    return tuple(row for row in found if row.span not in lacking)
+
+
+def _difference(row: MetricRow) -> Difference:
+    assert row.reference is not None
+    return Difference(
+        span=row.span,
+        metric=row.metric,
+        a=row.reference.value,
+        b=row.value.value,
+        b_to_a=row.change.value if row.change else math.nan,
+        unit=row.unit,
+        a_error=row.reference.error,
+        b_error=row.value.error,
+        a_range=(row.reference.least, row.reference.most),
+        b_range=(row.value.least, row.value.most),
     )
-
-
-def _rows(a: RunMetrics, b: RunMetrics) -> Iterator[Difference]:
-    for span in (f.name for f in fields(RunMetrics)):
-        one, other = getattr(a, span), getattr(b, span)
-        if one is None or other is None:
-            continue
-        for name in SPAN_METRICS:
-            yield _difference(span, name, getattr(one, name), getattr(other, name))
-
-
-def _difference(span: str, name: str, a: float, b: float) -> Difference:
-    if name in DECIBELS:
-        return Difference(span, name, a, b, decibels(b, a, DECIBELS[name]), "dB")
-    if name == "contacts":
-        return Difference(span, name, a, b, b - a, "")
-    change = 100.0 * (b / a - 1.0) if a else float("nan")
-    return Difference(span, name, a, b, change, "%")

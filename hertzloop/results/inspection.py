@@ -9,7 +9,6 @@ from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.model import Yield, yield_of
-from hertzloop.results.predictability import predictability
 from hertzloop.results.recorded import (
     NEEDED_FIELDS,
     Pacing,
@@ -21,7 +20,7 @@ from hertzloop.results.recorded import (
 )
 from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import why_not_repeatable
-from hertzloop.results.verdict import Assessment, verdict
+from hertzloop.results.verdict import Assessment, assess
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 
@@ -68,8 +67,8 @@ def inspected(recording: Recording) -> Inspected:
             with np.errstate(all="ignore"):
                 metrics = metrics_of(setup, blocks_of(recording), missing_from(recording, setup))
                 result = recorded_result(setup, recording, metrics, law, pacing)
-                known = predictability(setup, result, None, why_not_repeatable(recording))
-            return replace(bare, assessment=verdict(result, known=known))
+                found = assess(setup, result, None, why_not_repeatable(recording))
+            return replace(bare, assessment=found)
     except (SceneError, RecursionError) as error:
         problem = f"the scene inside cannot be read: {error}{recording.other_version}"
     except (ArithmeticError, ValueError) as error:

@@ -21,6 +21,9 @@ class MetricField:
         of: what makes the value of what the metrics are taken from, or the path of an attribute.
         shown: whether the command and the report show it without being asked.
         without: the value without control.
+        difference: whether two values are compared by their difference: a number, or a value
+            that may change its sign.
+        less_is_better: whether control is to make it smaller.
     """
 
     meaning: str
@@ -31,6 +34,8 @@ class MetricField:
     of: Callable[[Any], Any] | str = ""
     shown: bool = False
     without: float = 0.0
+    difference: bool = False
+    less_is_better: bool = False
 
 
 def metric(*about: Any, **more: Any) -> Any:

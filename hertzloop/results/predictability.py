@@ -151,6 +151,16 @@ def error_of(known: Sequence[ImpactErrors] | None, span: str, key: str) -> float
     return max(each, default=0.0) if key in _LARGEST else sum(each)
 
 
+def later_impacts_known(impacts: Sequence[Impact], known: Sequence[ImpactErrors] | None) -> bool:
+    """Return whether any digit of the peak force of every impact is predictable: whether that
+    impact occurs at all."""
+    errors = [errors_of(known, i).get("peak_force_n", 0.0) for i in range(len(impacts))]
+    return all(
+        error < impact.peak_force_n or error == 0.0
+        for error, impact in zip(errors, impacts, strict=True)
+    )
+
+
 def horizon_step(setup: Setup, tolerance: float) -> int | None:
     """Return the first step at which two processors may differ by more than `tolerance` of a
     field's largest value; None if they agree to the end. Raises SceneError."""
@@ -182,6 +192,7 @@ class Predictability:
         uncontrolled: the same for the run without control.
         not_repeatable: why the run cannot be simulated again; None if it can.
         disturbance: relative disturbance of the start.
+        free_error: model error of the run without control, which no law makes sensitive.
     """
 
     model_error: float | None
@@ -189,6 +200,7 @@ class Predictability:
     uncontrolled: list[ImpactErrors] | None
     not_repeatable: NotRepeatable | None = None
     disturbance: float = DISTURBANCE
+    free_error: float | None = None
 
 
 NOTHING_KNOWN = Predictability(None, None, None)
@@ -199,6 +211,7 @@ def predictability(
     result: RunResult,
     free: Metrics | None,
     not_repeatable: NotRepeatable | None = None,
+    free_error: float | None = None,
 ) -> Predictability:
     """Estimate how well the impacts of a run can be known.
 
@@ -207,24 +220,25 @@ def predictability(
         result: The run. If its forces were late, the same run in lock-step is evaluated instead.
         free: Metrics of the run without control.
         not_repeatable: Why the closed loop cannot be simulated again, if so.
+        free_error: Model error of the run without control; None: that of the run.
 
     Returns:
         The errors of each impact; nothing is known of the impacts of an unstable loop.
     """
     error, without = result.expected_error, setup.without_control(same_plate=True)
-
-    def known(of: Setup, metrics: Metrics, in_lock_step: bool = True) -> list[ImpactErrors] | None:
-        assert error is not None
-        return known_impacts(of, metrics.impacts, error, in_lock_step, metrics.noise)
+    free_error = error if free_error is None else free_error
 
     own = other = None
-    if not not_repeatable and not result.metrics.stability.unstable:
+    if not not_repeatable and not result.metrics.stability.unstable and error is not None:
+        own_metrics = result.metrics
         try:
-            own = known(setup, result.metrics, not result.late)
+            own = known_impacts(
+                setup, own_metrics.impacts, error, not result.late, own_metrics.noise
+            )
         except SceneError as stopped:  # the law, in the disturbed run
             not_repeatable = NotRepeatable(WhyNotRepeatable.LAW_STOPPED, error=str(stopped))
     if not setup.has_law:
         other = own
-    elif error is not None and free is not None:
-        other = known(without, free)
-    return Predictability(error, own, other, not_repeatable)
+    elif free_error is not None and free is not None:
+        other = known_impacts(without, free.impacts, free_error, noise=free.noise)
+    return Predictability(error, own, other, not_repeatable, free_error=free_error)

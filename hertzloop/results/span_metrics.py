@@ -18,30 +18,33 @@ class SpanMetrics:
     """
 
     # fmt: off
-    contacts: int = metric("number of contacts", "contacts")
-    contact_time_s: float = metric("duration of the first contact, s",
-                                   "contact time, first contact", "us", 1e6)
+    contacts: int = metric("number of contacts", "contacts", difference=True)
+    contact_time_s: float = metric("duration of the first contact, s", "contact time", "us", 1e6)
     impact_speed_m_s: float = metric("speed of the striker before the first contact, m/s",
                                      "impact speed", "m/s")
     rebound_speed_m_s: float = metric("speed of the striker after the last contact, m/s",
-                                      "rebound speed", "m/s")
+                                      "rebound speed", "m/s", difference=True)
     rebound_height_m: float = metric("height of a sphere after the last contact, by energy, m",
-                                     "rebound height", "mm", 1e3)
-    peak_force_n: float = metric("largest contact force, N", "peak force", "N", db=20.0)
+                                     "rebound height", "mm", 1e3, less_is_better=True)
+    peak_force_n: float = metric("largest contact force, N", "peak contact force", "N",
+                                 less_is_better=True)
     plate_energy_j: float = metric("work of contact force and actuator force on the plate, J",
-                                   "plate energy", "uJ", 1e6, db=10.0)
+                                   "plate energy", "uJ", 1e6, db=10.0, less_is_better=True)
     plate_speed_max_m_s: float = metric("largest plate speed at the contact point, m/s",
-                                        "largest plate speed", "m/s", db=20.0)
-    radiated_j: float = metric("metric of the study, sum of sigma E up to 20 kHz, J",
-                               "sigma E to 20 kHz, eq. 3.12 (study)", "uJ", 1e6, db=10.0)
-    sound_j: float = metric("energy that the plate radiates up to 20 kHz, J",
-                            "radiated to 20 kHz, eq. 3.12", "uJ", 1e6, db=10.0)
+                                        "largest plate speed", "m/s", db=20.0,
+                                        less_is_better=True)
+    radiated_j: float = metric("radiated energy by the study, sum of sigma E up to 20 kHz, J",
+                               "radiated energy to 20 kHz", "uJ", 1e6, db=10.0,
+                               less_is_better=True)
+    sound_j: float = metric("energy that the plate radiates until rest, up to 20 kHz, J",
+                            "sound energy to 20 kHz, eq. 3.12", "uJ", 1e6, db=10.0)
     longhorn_j: float = metric("acceleration noise energy (Longhorn 1952), J",
                                "acceleration noise, Longhorn", "uJ", 1e6, db=10.0)
     holmes_j: float = metric("acceleration noise energy (Holmes 1974), J",
                              "acceleration noise, Holmes", "uJ", 1e6, db=10.0)
     peak_pressure_pa: float = metric("bound of the sound pressure at 1 m, Pa",
-                                     "peak pressure bound at 1 m", "Pa", db=20.0)
+                                     "pressure bound at 1 m", "Pa", db=20.0,
+                                     less_is_better=True)
 
 
 @dataclass(frozen=True)

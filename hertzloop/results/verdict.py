@@ -1,20 +1,19 @@
 """Assess a run: whether control helped, in what, why not, and what spoils the metrics."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from enum import Enum, auto
-from typing import NamedTuple
 
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.law_accuracy import LawAccuracy, law_accuracy, stated_error
+from hertzloop.results.metric_rows import MetricRow, Rows, UncertainValue, metric_rows, row_of
 from hertzloop.results.metrics import Metrics, RunResult, metrics_of
 from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.predictability import (
     NOTHING_KNOWN,
-    ImpactErrors,
     Predictability,
     errors_of,
+    later_impacts_known,
     predictability,
 )
 from hertzloop.results.recorded import (
@@ -27,24 +26,25 @@ from hertzloop.results.recorded import (
 )
 from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import NotRepeatable
-from hertzloop.results.span_metrics import DECIBELS, change_db
+from hertzloop.results.span_metrics import change_db
+from hertzloop.results.touch_phases import SAME_PHASE, OtherPhases, at_other_phases
 from hertzloop.scene.setup import Setup
 
 HARDLY_DB = 0.1
 _MUCH = 0.1  # share of the push, or of the contact, that is worth a word
-_HARDLY_SHARE = 0.02  # of a rebound's height
-_FROM_NOTHING = 1e3  # times as high: what is divided by lies within the model's error
-_OTHERS = ("radiated_j", "plate_speed_max_m_s")  # that are compared
 
 
 class ControlEffect(Enum):
-    """What control does to the plate energy."""
+    """What control does to the plate energy of the first impact, at every touch phase."""
 
     IDLE = auto()  # no force of the law acts
     UNPREDICTABLE = auto()
     HELPS = auto()
     HARMS = auto()
     HARDLY = auto()
+    HELPS_OR_HARDLY = auto()
+    HARMS_OR_HARDLY = auto()
+    HELPS_OR_HARMS = auto()
 
 
 class LaterContacts(Enum):
@@ -54,25 +54,6 @@ class LaterContacts(Enum):
     PREDICTABLE = auto()
     UNPREDICTABLE = auto()
     UNKNOWN = auto()  # whether they are predictable
-
-
-@dataclass(frozen=True)
-class Change:
-    """Change of another metric of the first impact by control.
-
-    Attributes:
-        metric: name of the metric.
-        value: change in dB; for the rebound height, per cent of that without control.
-        error: error of the change, in the same unit.
-        better: whether control improves the metric.
-        from_nothing: whether the metric without control is nearly zero.
-    """
-
-    metric: str
-    value: float
-    error: float
-    better: bool
-    from_nothing: bool = False
 
 
 @dataclass(frozen=True)
@@ -100,22 +81,22 @@ class Control:
 
     Attributes:
         outcome: the effect on the plate energy.
-        energy_db: change of the plate energy in the first impact, dB.
-        error_db: error of that change, dB.
+        energy: the plate energy of the first impact, and its change; None without a force.
         later: what is known of later contacts.
-        whole_db: change of the plate energy over all contacts, dB; None if not predictable.
-        contacts: numbers of contacts with and without control.
-        changes: changes of other metrics.
+        whole: change of the plate energy over all contacts, dB; None if not predictable.
+        contacts: numbers of contacts with and without control; None if not predictable.
+        better: other metrics of the first impact that control improves, the largest change first.
+        worse: other metrics that it makes worse.
         reasons: why control does not help; None if it helps.
     """
 
     outcome: ControlEffect
-    energy_db: float = 0.0
-    error_db: float = 0.0
+    energy: MetricRow | None = None
     later: LaterContacts = LaterContacts.NONE
-    whole_db: float | None = None
-    contacts: tuple[int, int] = (1, 1)
-    changes: tuple[Change, ...] = ()
+    whole: UncertainValue | None = None
+    contacts: tuple[UncertainValue, UncertainValue] | None = None
+    better: Rows = ()
+    worse: Rows = ()
     reasons: Reasons | None = None
 
 
@@ -128,12 +109,14 @@ class Assessment:
         control: what control changes; None if there is no run to compare with.
         predictability: how well the impacts can be known.
         law_accuracy: accuracy under the law; None if it was not evaluated.
+        rows: all metrics, with their errors, ranges and changes.
     """
 
     result: RunResult
     control: Control | None
     predictability: Predictability
     law_accuracy: LawAccuracy | None
+    rows: Rows
 
 
 @dataclass(frozen=True)
@@ -192,9 +175,11 @@ def assess(
 ) -> Assessment:
     """Assess the metrics of a run; arguments as for `assess_recording`."""
     accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.metrics)
-    result = replace(result, expected_error=stated_error(result.expected_error, accuracy))
-    known = predictability(setup, result, free, not_repeatable)
-    return verdict(result, free, known, accuracy)
+    without_law = result.expected_error
+    result = replace(result, expected_error=stated_error(without_law, accuracy))
+    known = predictability(setup, result, free, not_repeatable, without_law)
+    phases = at_other_phases(setup, result, known)
+    return verdict(result, free, known, accuracy, phases)
 
 
 def verdict(
@@ -202,97 +187,96 @@ def verdict(
     free: Metrics | None = None,
     known: Predictability = NOTHING_KNOWN,
     accuracy: LawAccuracy | None = None,
+    phases: OtherPhases = SAME_PHASE,
 ) -> Assessment:
     """Return the assessment of a run whose errors are known; without `free`, the metrics of the run
     without control, it says only what spoils the metrics."""
     control, metrics = None, result.metrics
+    rows = metric_rows(result, free, known, phases)
     comparable = bool(metrics.impacts) and not metrics.stability.unstable
     if comparable and free is not None and free.impacts and result.scene_law != NO_CONTROL:
-        control = _control(result, free, known)
-    return Assessment(result, control, known, accuracy)
+        control = _control(result, free, known, rows)
+    return Assessment(result, control, known, accuracy, rows)
 
 
-def _control(result: RunResult, free: Metrics, known: Predictability) -> Control:
+def _control(result: RunResult, free: Metrics, known: Predictability, rows: Rows) -> Control:
     """Evaluate whether control helped, in what, and why not."""
     metrics = result.metrics
     if metrics.push is None:
         return Control(ControlEffect.IDLE)
-    contacts = len(metrics.impacts), len(free.impacts)
-    energy, error, later, whole_db = _plate_energy(result, free, known)
-    if error > HARDLY_DB and not _predictable(energy, error):
+    energy = row_of(rows, "first_impact", "plate_energy_j")
+    assert energy is not None
+    if energy.change is None and not energy.value.known:
         return Control(ControlEffect.UNPREDICTABLE)
-    outcome = ControlEffect.HARDLY
-    if energy < -HARDLY_DB:
-        outcome = ControlEffect.HELPS
-    elif energy > HARDLY_DB:
-        outcome = ControlEffect.HARMS
+    if energy.change and energy.change.error > HARDLY_DB and not energy.change.known:
+        return Control(ControlEffect.UNPREDICTABLE)
+    later, whole, contacts = _later_contacts(result, free, known), None, None
+    if later is LaterContacts.PREDICTABLE:
+        over_all = row_of(rows, "whole_run", "plate_energy_j")
+        counted = row_of(rows, "whole_run", "contacts")
+        whole = over_all.change if over_all else None
+        if counted and counted.reference:
+            contacts = counted.value, counted.reference
+    outcome = _effect(energy)
     reasons = None
-    if outcome is not ControlEffect.HELPS:
+    if outcome not in (ControlEffect.HELPS, ControlEffect.HELPS_OR_HARDLY):
         reasons = _reasons(result, free.impacts[0].duration_s)
-    changes = tuple(_changes(metrics, free, known))
-    return Control(outcome, energy, error, later, whole_db, contacts, changes, reasons)
+    better, worse = _other_changes(rows)
+    return Control(outcome, energy, later, whole, contacts, better, worse, reasons)
 
 
-def _predictable(value: float, error: float) -> bool:
-    """Return whether any digit of a number is predictable, given its largest absolute error."""
-    return error == 0.0 or error < abs(value)
+def _effect(energy: MetricRow) -> ControlEffect:
+    """What the change of the plate energy means, from its least to its largest value."""
+    if energy.change is None:  # no ratio: control takes more out of the plate than the impact gives
+        assert energy.reference is not None
+        less = energy.value.value < energy.reference.value
+        return ControlEffect.HELPS if less else ControlEffect.HARMS
+    change = energy.change
+    helps, harms = change.least < -HARDLY_DB, change.most > HARDLY_DB
+    if helps and harms:
+        return ControlEffect.HELPS_OR_HARMS
+    if helps:
+        always = change.most < -HARDLY_DB
+        return ControlEffect.HELPS if always else ControlEffect.HELPS_OR_HARDLY
+    if harms:
+        always = change.least > HARDLY_DB
+        return ControlEffect.HARMS if always else ControlEffect.HARMS_OR_HARDLY
+    return ControlEffect.HARDLY
 
 
-def _plate_energy(
-    result: RunResult, free: Metrics, known: Predictability
-) -> tuple[float, float, LaterContacts, float | None]:
-    """Change of the plate energy in the first impact (dB), its error, what is known of later
-    contacts, and the change over all of them where that is predictable to the printed digit."""
-    ours, theirs = _energies(result.metrics, known.controlled), _energies(free, known.uncontrolled)
-    energy, error = change_db(ours.whole, theirs.whole, 10.0, sum(ours.errors), sum(theirs.errors))
-    if result.complete and len(ours.each) == len(theirs.each) == 1:
-        return energy, error, LaterContacts.NONE, None
+def _later_contacts(result: RunResult, free: Metrics, known: Predictability) -> LaterContacts:
+    """What is known of later contacts: predictable are those whose energies are known so well that
+    the printed digit of the change over all contacts is."""
+    ours, theirs = result.metrics, free
+    if result.complete and len(ours.impacts) == len(theirs.impacts) == 1:
+        return LaterContacts.NONE
     if known.not_repeatable or not result.complete:
-        later, over_all = LaterContacts.UNKNOWN, None
-    elif error <= HARDLY_DB:
-        later, over_all = LaterContacts.PREDICTABLE, energy
-    else:
-        later, over_all = LaterContacts.UNPREDICTABLE, None
-    first = change_db(ours.each[0], theirs.each[0], 10.0, ours.errors[0], theirs.errors[0])
-    return *first, later, over_all
+        return LaterContacts.UNKNOWN
+    wrong = 0.0
+    for metrics, errors in ((ours, known.controlled), (theirs, known.uncontrolled)):
+        if not later_impacts_known(metrics.impacts, errors):
+            return LaterContacts.UNPREDICTABLE
+        each = [impact.plate_energy_j for impact in metrics.impacts]
+        lost = sum(errors_of(errors, i).get("plate_energy_j", 0.0) for i in range(len(each)))
+        wrong += change_db(sum(each), sum(each), 10.0, lost)[1]
+    return LaterContacts.PREDICTABLE if wrong <= HARDLY_DB else LaterContacts.UNPREDICTABLE
 
 
-class _Energies(NamedTuple):
-    """Energy that a plate takes in each impact and in the whole run, J; errors of the former."""
-
-    each: list[float]
-    errors: list[float]
-    whole: float
-
-
-def _energies(metrics: Metrics, known: list[ImpactErrors] | None) -> _Energies:
-    each = [impact.plate_energy_j for impact in metrics.impacts]
-    errors = [errors_of(known, i).get("plate_energy_j", 0.0) for i in range(len(each))]
-    run = metrics.whole_run  # None of the published scheme
-    return _Energies(each, errors, run.plate_energy_j if run else sum(each))
-
-
-def _changes(metrics: Metrics, free: Metrics, known: Predictability) -> Iterable[Change]:
-    """Yield other metrics of the first impact that are better or worse."""
-    if not metrics.noise or not free.noise:
-        return
-    with_, without = vars(metrics.noise[0]), vars(free.noise[0])
-    wrong = errors_of(known.controlled, 0, "noise_errors")
-    other = errors_of(known.uncontrolled, 0, "noise_errors")
-    for key in _OTHERS:
-        change, error = change_db(
-            with_[key], without[key], DECIBELS[key], wrong.get(key, 0.0), other.get(key, 0.0)
-        )
-        if abs(change) > HARDLY_DB and _predictable(change, error):
-            yield Change(key, change, error, change < 0.0)
-    key = "rebound_height_m"
-    height, before = with_[key], without[key]
-    if before > 0.0 and abs(height / before - 1.0) > _HARDLY_SHARE:
-        error = (wrong.get(key, 0.0) + other.get(key, 0.0) * height / before) / before
-        share, error = 100.0 * height / before, 100.0 * error
-        if _predictable(share, error):
-            from_nothing = height > _FROM_NOTHING * before
-            yield Change(key, share, error, height < before, from_nothing)
+def _other_changes(rows: Rows) -> tuple[Rows, Rows]:
+    """Return the other metrics of the first impact that are better, and those that are worse at
+    every touch phase, the largest change first."""
+    better, worse = [], []
+    for row in sorted(rows, key=lambda row: -row.size):
+        of_impact = row.span == "first_impact" and row.metric != "plate_energy_j"
+        if not (of_impact and row.field.less_is_better and row.size > HARDLY_DB):
+            continue
+        if row.from_zero:
+            worse.append(row)
+        elif row.change and row.change.most < -row.change.error:
+            better.append(row)
+        elif row.change and row.change.least > row.change.error:
+            worse.append(row)
+    return better, worse
 
 
 def _reasons(result: RunResult, contact_s: float) -> Reasons:

@@ -1,16 +1,20 @@
 """Numbers as text: with the digits that their error leaves, and with their unit."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from hertzloop.results.metric_fields import MetricField
-from hertzloop.results.span_metrics import change_db
+from hertzloop.results.metric_rows import MetricRow, UncertainValue
 
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
 
 LEGEND = f"{UNKNOWN}: not predictable"
 
-_FROM_NOTHING = 1e3  # ratio from which on a reference is nearly zero
+RANGE = "Ranges: contact may begin at any part of a step"
+
+# Units that take prefixes.
+_SI = {"us": "s", "uJ": "J", "mm": "m"} | {unit: unit for unit in ("s", "J", "m", "N", "Pa")}
+_PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M"}
 _PLAIN = 7  # digits before the decimal point that are written without an exponent
 
 
@@ -60,64 +64,107 @@ def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
     return (1e3, "mJ") if large else (1e6, "uJ")
 
 
-def cells(
-    row: MetricField, values: Sequence[float], errors: Sequence[float], form: str, without: str
-) -> list[str]:
-    """Return a metric of several runs with its unit and its predictable digits.
+def shown_unit(field: MetricField, values: Iterable[float]) -> tuple[float, str]:
+    """Return the factor and the unit in which the largest value has one to three digits before
+    the decimal point."""
+    largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if field.unit not in _SI or largest == 0.0:
+        return field.factor, field.unit
+    power = 3 * math.floor(math.log10(largest * (1.0 + 1e-3)) / 3.0)
+    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
+    return 10.0**-power, f"{_PREFIXES[power]}{_SI[field.unit]}"
+
+
+def quantity(value: float, unit: str) -> str:
+    """Return three digits of a value in an SI unit, which gets a prefix that suits it."""
+    factor, with_prefix = shown_unit(MetricField("", unit=unit), [value])
+    return f"{value * factor:.3g} {with_prefix}"
+
+
+def uncertain_text(
+    found: UncertainValue, form: str, factor: float = 1.0, largest: float = 0.0
+) -> str:
+    """Write a number with the digits that its error leaves, or as a range.
 
     Args:
-        row: Factor and unit of the metric.
-        values: Its value in each run.
-        errors: Largest absolute error in each run.
+        found: The number, its error and its range.
         form: Format specification of a number without error.
-        without: Text in the place of nan.
+        factor: Factor from the number to the unit that is printed.
+        largest: Largest of the numbers beside it, in that unit: what is smaller than its last digit
+            is zero.
+
+    Returns:
+        The range where it is wider than the error and than the last digit, else the number.
     """
-    factor, unit = row.factor, row.unit
-    if unit == "uJ":
-        factor, unit = energy_unit(value for value in values if not math.isnan(value))
+    value, error = found.value * factor, found.error * factor
+    low, high = sorted((found.least * factor, found.most * factor))
+    width = high - low
+    decimals = _decimals(form, max(abs(low), abs(high), largest))
+    if width > max(error, 0.5 * 10.0**-decimals):
+        sign = "+" if form.startswith("+") else ""
+        for each in (width / 100.0, error):
+            if each > 0.0:
+                decimals = min(decimals, -math.floor(math.log10(each)) - 1)
+        shown = [round(end, decimals) for end in (low, high)]
+        ends = [f"{end:{sign}z,.{max(decimals, 0)}f}" for end in shown]
+        if ends[0] != ends[1]:
+            return " to ".join(ends)
+    if not math.isinf(error) and error <= 0.5 * 10.0**-decimals and abs(value) <= error:
+        return f"{0.0:{form}}"
+    return known_digits(value, form, error)
+
+
+def _decimals(form: str, largest: float) -> int:
+    """Return the decimals that a format gives a number."""
+    digits = int(form.strip("+").strip(".fgz"))
+    if form.endswith("f"):
+        return digits
+    return digits - 1 - (math.floor(math.log10(largest)) if largest else 0)
+
+
+def value_texts(row: MetricRow, without: str = "-") -> list[str]:
+    """Return the value of a metric, and that of the run that it is compared with, with units.
+
+    Args:
+        row: The metric.
+        without: Text in the place of what is not defined.
+    """
+    values = [row.value, *([row.reference] if row.reference else [])]
+    factor, unit = shown_unit(row.field, (each.value for each in values))
+    form = ".0f" if row.metric == "contacts" else ".4g"
+    largest = max((abs(each.value) * factor for each in values), default=0.0)
     return [
         without
-        if math.isnan(value)
-        else with_unit(known_digits(value * factor, form, error * factor), unit)
-        for value, error in zip(values, errors, strict=True)
+        if math.isnan(each.value)
+        else with_unit(uncertain_text(each, form, factor, largest), unit)
+        for each in values
     ]
 
 
-def with_unit(number: str, unit: str) -> str:
-    """Return a number with its unit; a number that is unknown has none."""
-    return number if number == UNKNOWN else f"{number} {unit}"
-
-
-def change_cell(
-    db: float,
-    values: Sequence[float],
-    errors: Sequence[float],
-    decimals: int,
-    from_nothing: str = "",
-) -> str:
-    """Return the change from the second value to the first, with its predictable digits.
+def change_text(row: MetricRow, decimals: int = 1) -> str:
+    """Return the change of a metric with its unit; empty if it is not defined.
 
     Args:
-        db: Factor of the logarithm for a change in dB; 0 for one in per cent.
-        values: The two values.
-        errors: Their largest absolute errors.
+        row: The metric.
         decimals: Decimals of a change in dB; one in per cent has one fewer.
-        from_nothing: Text for a value without control that lies within the model's error.
-
-    Returns:
-        The change with its unit; empty if the change has no meaning.
     """
-    (value, reference), (error, reference_error) = values, errors
-    if math.isnan(value) or math.isnan(reference) or reference == 0.0:
+    if row.from_zero:
+        return "from 0"
+    if row.change is None:
         return ""
-    if db:
-        change, wrong = change_db(value, reference, db, error, reference_error)
-        known = known_digits(change, f"+.{decimals}f", wrong)
-        return "" if math.isnan(change) else with_unit(known, "dB")
-    if reference < 0.0 or value < 0.0:
-        return ""
-    if value > _FROM_NOTHING * reference:
-        return from_nothing
-    wrong = 100.0 * (error + reference_error * (value / reference)) / reference
-    change = 100.0 * (value / reference - 1.0)
-    return with_unit(known_digits(change, f"+.{decimals - 1}f", wrong), "%")
+    if row.field.difference:
+        form = "+.0f" if row.metric == "contacts" else "+.3g"
+        largest = max(abs(row.value.value), abs(row.reference.value if row.reference else 0.0))
+        return with_unit(uncertain_text(row.change, form, 1.0, largest), row.unit)
+    form = f"+.{decimals if row.unit == 'dB' else decimals - 1}f"
+    return with_unit(uncertain_text(row.change, form), row.unit)
+
+
+def has_range(rows: Iterable[MetricRow]) -> bool:
+    """Return whether any text of some rows is a range."""
+    return any(" to " in text for row in rows for text in (*value_texts(row), change_text(row)))
+
+
+def with_unit(number: str, unit: str) -> str:
+    """Return a number with its unit; a number that is unknown, and a count, have none."""
+    return number if number == UNKNOWN or not unit else f"{number} {unit}"

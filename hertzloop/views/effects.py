@@ -11,9 +11,11 @@ from hertzloop.results.rounding import percent
 from hertzloop.views.format import Table, unwrapped
 
 _MOST_WARNINGS = 8  # lines of neglected effects on the screen; --details prints all
+OUT_OF_RANGE = "OUT OF RANGE:"  # the first words of a verdict on a run beyond its model
 _HEADS = {
-    EffectState.OUT_OF_RANGE: ("OUT OF RANGE:", "bold red"),
+    EffectState.OUT_OF_RANGE: (OUT_OF_RANGE, "bold red"),
     EffectState.LEFT_OUT: ("Neglected:", "yellow"),
+    EffectState.NOT_KNOWN: ("Unknown:", "yellow"),
 }
 
 _STATE_WORDS = {EffectState.LEFT_OUT: "neglected", EffectState.NOT_KNOWN: "unknown"}
@@ -38,12 +40,12 @@ def _outside(found: Iterable[ValidityCheck]) -> list[tuple[str, str, ValidityChe
 
 
 def sentences_of(found: Iterable[ValidityCheck]) -> list[tuple[str, str]]:
-    """Return heads and sentences on effects out of range, then on neglected effects."""
+    """Return heads and sentences on effects out of range, neglected effects and unknown ones."""
     return [(head, f"{check.sentence}.") for head, _, check in _outside(found)]
 
 
 def neglected_lines(found: Iterable[ValidityCheck]) -> list[Text]:
-    """Return a sentence on each effect that is neglected or out of range."""
+    """Return a sentence on each effect that is out of range, neglected or unknown."""
     return [
         unwrapped((head, style), f" {check.sentence}.") for head, style, check in _outside(found)
     ]
@@ -66,10 +68,19 @@ def table_of(found: Iterable[ValidityCheck]) -> Table:
     return table
 
 
+def out_of_range(found: Iterable[ValidityCheck]) -> list[str]:
+    """Return one sentence on all effects out of range, the first of a verdict; none without one."""
+    listed = [_brief(check) for check in found if check.state == EffectState.OUT_OF_RANGE]
+    return [f"{OUT_OF_RANGE} {'; '.join(listed)}."] if listed else []
+
+
 def warning_lines(found: Iterable[ValidityCheck]) -> list[Text]:
-    """Return one line of at most 80 columns for each effect outside its limit, at most eight."""
+    """Return one line for each effect that is neglected or unknown, at most eight; those out of
+    range are in the verdict."""
     lines = [
-        Text.assemble((head, style), f" {_brief(check)}") for head, style, check in _outside(found)
+        Text.assemble((head, style), f" {_brief(check)}.")
+        for head, style, check in _outside(found)
+        if head != OUT_OF_RANGE
     ]
     if len(lines) > _MOST_WARNINGS:
         more = f"{len(lines) - _MOST_WARNINGS} more warnings: --details prints them."
@@ -78,9 +89,9 @@ def warning_lines(found: Iterable[ValidityCheck]) -> list[Text]:
 
 
 def _brief(check: ValidityCheck) -> str:
-    """Return the size of an effect, and the key that models it."""
+    """Return the size of an effect, and the key that models it; the sentence on an unknown one."""
     text, key = _BRIEF[check.name]
     if math.isnan(check.value):
-        text = check.name
+        return check.sentence
     words = text.format(x=check.value, p=percent(check.value))
-    return f"{words} ({key})." if key else f"{words}."
+    return f"{words} ({key})" if key else words

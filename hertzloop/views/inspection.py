@@ -7,14 +7,12 @@ from hertzloop.loop.run_options import LONGEST_NOTE
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.inspection import Inspected
-from hertzloop.results.predictability import errors_of
 from hertzloop.views.details import demand_words, yield_words
-from hertzloop.views.effects import neglected_lines, warning_lines
+from hertzloop.views.effects import OUT_OF_RANGE, neglected_lines, warning_lines
 from hertzloop.views.format import Table, print_all, unwrapped
 from hertzloop.views.impacts_table import impacts_table
 from hertzloop.views.law_line import law_line, why_not_words
 from hertzloop.views.metrics_table import metrics_table
-from hertzloop.views.noise_table import noise_table
 from hertzloop.views.pacing import pacing_lines
 from hertzloop.views.run import next_lines
 from hertzloop.views.verdict import verdict_lines, verdict_sentences
@@ -29,36 +27,30 @@ def print_inspection(console: Console, found: Inspected, details: bool = False) 
         details: Whether to print all tables as well.
     """
     recording, assessed = found.recording, found.assessment
-    pieces: list[Text | Table] = [
-        unwrapped(("Missing or damaged:", "red"), f" {problem}") for problem in found.problems
-    ]
+    verdict = verdict_sentences(assessed) if assessed else []
+    beyond = [sentence for sentence in verdict if sentence.startswith(OUT_OF_RANGE)]
+    pieces: list[Text | Table] = [*verdict_lines(beyond)]
+    pieces += [unwrapped(("Missing or damaged:", "red"), f" {one}") for one in found.problems]
     if not found.problems:
         pieces.append(Text("Complete: no announced message is missing.", "bold"))
     if recording.unchecked:
         pieces.append(unwrapped(f"Not checked: {without_checksum(recording.unchecked)}."))
+    pieces += pacing_lines(found.pacing, details)
     if assessed:
         result, known = assessed.result, assessed.predictability
-        pieces += verdict_lines(verdict_sentences(assessed), result.metrics.stability.unstable)
+        pieces += verdict_lines(verdict[len(beyond) :])
         if result.metrics.impacts:
-            pieces.append(metrics_table(result, known))
+            pieces.append(metrics_table(result, assessed.rows))
         why_not = why_not_words(known.not_repeatable)
-        if why_not and len(result.metrics.impacts) > 1 and not details:
-            pieces.append(Text(f"Later impacts: digits as recorded, since {why_not}."))
+        if why_not and not details:
+            pieces.append(Text(f"Digits as recorded, since {why_not}."))
         pieces += warning_lines(result.metrics.neglected.checks)
     if details:
         pieces += _details(found)
-    pieces += pacing_lines(found.pacing)
     scene = recording.metadata.get("scene", "")
-    pieces.append(Text(f"Scene {scene}, seed {found.seed}. Law: {law_line(found.law)}."))
+    pieces.append(Text(f"Scene {scene}. Law: {law_line(found.law, digests=False)}."))
     if recording.note:
         pieces.append(_note_line(recording.note))
-    if recording.balance is not None:
-        pieces.append(
-            Text(
-                f"Energy residual {recording.balance.energy_residual:.1e}, "
-                f"momentum {recording.balance.momentum_residual:.1e} (relative)."
-            )
-        )
     print_all(console, [*pieces, *next_lines(str(recording.path))])
 
 
@@ -83,12 +75,19 @@ def _details(found: Inspected) -> list[Text | Table]:
         why_not = why_not_words(known.not_repeatable)
         pieces.append(impacts_table("Impacts", metrics.impacts, known.controlled, why_not))
         if metrics.noise:
-            errors = [errors_of(known.controlled, 0, "noise_errors")]
-            pieces.append(noise_table([("", metrics.noise[0])], errors=errors))
+            pieces.append(metrics_table(assessed.result, assessed.rows, details=True))
         if metrics.demand:
             pieces.append(Text(f"Actuator demand: {demand_words(metrics.demand)}."))
     if found.yielded:
         pieces.append(Text(f"Yield: {yield_words(found.yielded)}."))
+    pieces.append(Text(f"Law: {law_line(found.law)}."))
+    if recording.balance is not None:
+        pieces.append(
+            Text(
+                f"Energy residual {recording.balance.energy_residual:.1e}, "
+                f"momentum {recording.balance.momentum_residual:.1e} (relative)."
+            )
+        )
     checks = assessed.result.metrics.neglected.checks if assessed else ()
     return [*pieces, *neglected_lines(checks)]
 

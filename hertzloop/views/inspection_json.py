@@ -5,7 +5,13 @@ from typing import Any
 
 from hertzloop.results.inspection import Inspected, number_of
 from hertzloop.views.inspection import streams_of
-from hertzloop.views.run_json import metrics_as_json, pacing_as_json, predictability_as_json
+from hertzloop.views.run_json import (
+    metrics_as_json,
+    out_of_range_as_json,
+    pacing_as_json,
+    predictability_as_json,
+    rows_as_json,
+)
 from hertzloop.views.verdict import verdict_sentences
 
 _NO_METRICS: dict[str, Any] = {
@@ -27,6 +33,7 @@ def summary(found: Inspected) -> dict[str, Any]:
     """Return streams, counts, problems, scene, balance and metrics as plain data."""
     recording, assessed = found.recording, found.assessment
     data: dict[str, Any] = {
+        "out_of_range": out_of_range_as_json(assessed),
         "file": str(recording.path),
         "complete": not found.problems,
         "problems": list(found.problems),
@@ -60,9 +67,10 @@ def summary(found: Inspected) -> dict[str, Any]:
         data["yield"] = asdict(found.yielded) if found.yielded else None
     data["pacing"] = pacing_as_json(found.pacing)
     if assessed is None:
-        return data | _NO_METRICS | {"verdict": []}
+        return data | _NO_METRICS | {"verdict": [], "rows": []}
     return data | {
         **metrics_as_json(assessed.result.metrics),
         "predictability": predictability_as_json(assessed.predictability),
         "verdict": verdict_sentences(assessed),
+        "rows": rows_as_json(assessed.rows),
     }

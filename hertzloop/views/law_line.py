@@ -21,8 +21,11 @@ def why_not_words(found: NotRepeatable | None) -> str:
     }.get(found.reason, found.error)
 
 
-def law_line(data: RecordedLaw) -> str:
-    """Name the law that the forces of a recording come from."""
+def law_line(data: RecordedLaw, digests: bool = True) -> str:
+    """Name the law that the forces of a recording come from; without `digests`, one that the scene
+    does not name still has its digest."""
+    if data.as_announced and not digests:
+        return law_words(data.law, None)
     used, announced = law_words(data.law, data.law_digest), data.scene_law
     if data.as_announced or (used and data.law == announced and data.law_digest is None):
         return used

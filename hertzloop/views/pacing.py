@@ -9,32 +9,40 @@ from hertzloop.results.rounding import time_words
 from hertzloop.views.format import unwrapped
 
 
-def pacing_sentences(found: Pacing) -> list[str]:
-    """State missed deadlines, response times, and the pace that this machine supports."""
+def lateness_sentences(found: Pacing) -> list[str]:
+    """State the share of late forces, and the pace that this machine supports."""
     missed = (
-        f"{found.late_forces:,} of {found.steps:,} forces came late "
-        f"({100 * found.share_late:.2g} %), at most {found.longest_sequence:,} in a row"
+        f"{100 * found.share_late:.2g} % of {found.steps:,} forces came late, at most "
+        f"{found.longest_sequence:,} in a row"
     )
     if not found.late_forces:
         missed = f"None of {found.steps:,} forces came late"
     clock = found.clock
+    if clock is not None:
+        return [f"Pace {clock.pace:g}: {missed}.", _pacing_advice(clock)]
+    if found.is_repeat:
+        return [f"{missed}, as in the run that this one repeats."]
+    return [
+        f"{missed} in what was recorded; the response times, which the plant tells at the end "
+        "of a run, are not in it."
+    ]
+
+
+def pacing_sentences(found: Pacing) -> list[str]:
+    """State missed deadlines, the pace that this machine supports, and response times."""
+    clock = found.clock
     if clock is None:
-        if found.is_repeat:
-            return [f"{missed}, as in the run that this one repeats."]
-        return [
-            f"{missed} in what was recorded; the response times, which the plant tells at the end "
-            "of a run, are not in it."
-        ]
-    sentences = [
-        f"Pace {clock.pace:g}: {missed}"
-        + (f", the worst {time_words(clock.late_max_us)} late" * bool(found.late_forces))
-        + f"; the plant itself was at most {time_words(clock.behind_max_us)} behind the "
-        "clock.",
+        return lateness_sentences(found)
+    worst = f"The worst force came {time_words(clock.late_max_us)} late; the plant itself was"
+    if not found.late_forces:
+        worst = "The plant itself was"
+    return [
+        *lateness_sentences(found),
+        f"{worst} at most {time_words(clock.behind_max_us)} behind the clock.",
         "From a sample to its answer: "
         + ", ".join(f"{name} {time_words(us)}" for name, us in clock.response_us.items())
         + f" (of {time_words(clock.slack_us)} that this pace leaves).",
     ]
-    return [*sentences, _pacing_advice(clock)]
 
 
 def _pacing_advice(found: PacedClock) -> str:
@@ -53,21 +61,24 @@ def _pacing_advice(found: PacedClock) -> str:
     )
 
 
-def pacing_lines(
-    found: Pacing | None, repeats: Path | None = None, differs: str | None = None
-) -> list[Text]:
-    """Return sentences on pacing and repetition; none for a run that does neither.
+def pacing_lines(found: Pacing | None, details: bool = False) -> list[Text]:
+    """Return sentences on missed deadlines, with response times for `details`; none for a run in
+    lock-step."""
+    if found is None:
+        return []
+    sentences = pacing_sentences(found) if details else lateness_sentences(found)
+    return [Text(sentence) for sentence in sentences]
+
+
+def repetition_lines(repeats: Path | None, differs: str | None) -> list[Text]:
+    """Return a sentence on a repeated run; none for another.
 
     Args:
-        found: Missed deadlines of a paced or repeated run.
         repeats: Recording that the run repeats.
         differs: First difference from that recording, if there is one.
     """
-    lines = [unwrapped(sentence) for sentence in (pacing_sentences(found) if found else ())]
-    if repeats:
-        if differs:
-            line = (f"Repeated: not the run in {repeats}: {differs}.", "red")
-        else:
-            line = (f"Repeated: the same bytes as in {repeats}.", "bold")
-        lines.append(unwrapped(line))
-    return lines
+    if repeats is None:
+        return []
+    if differs:
+        return [unwrapped((f"Repeated: not the run in {repeats}: {differs}.", "red"))]
+    return [unwrapped((f"Repeated: the same bytes as in {repeats}.", "bold"))]

@@ -27,7 +27,7 @@ from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.views import provenance
-from hertzloop.views.pacing import pacing_sentences
+from hertzloop.views.pacing import lateness_sentences
 
 has_display = viewer.has_display
 _OF_REFERENCE = ("xi", "F_c", "F_a", "v_p", "plate")
@@ -221,7 +221,7 @@ def _labels(
     described = provenance.description(setup, recording)
     described_lines = [*described[:2], *lines, *described[2:]]
     if paced := pacing_of(recording):
-        described_lines += pacing_sentences(paced)[:2]
+        described_lines += lateness_sentences(paced)[:1]
     since_s, until_ns = accumulator.result().since_s, LAST_NS
     if since_s is not None:
         until_ns = round(since_s * 1e9)

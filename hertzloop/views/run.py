@@ -7,16 +7,14 @@ from rich.text import Text
 
 from hertzloop.common.readable import argument
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.results.predictability import errors_of
 from hertzloop.results.run_report import RunReport
 from hertzloop.views.details import error_words, missed, run_table
-from hertzloop.views.effects import neglected_lines, warning_lines
+from hertzloop.views.effects import OUT_OF_RANGE, neglected_lines, warning_lines
 from hertzloop.views.format import Table, print_all, unwrapped
 from hertzloop.views.impacts_table import impacts_table
 from hertzloop.views.law_line import law_line
 from hertzloop.views.metrics_table import metrics_table
-from hertzloop.views.noise_table import noise_table
-from hertzloop.views.pacing import pacing_lines
+from hertzloop.views.pacing import pacing_lines, repetition_lines
 from hertzloop.views.verdict import verdict_lines, verdict_sentences
 
 
@@ -34,12 +32,11 @@ def print_run(
     assessed, ends = report.assessed, report.assessed.assessment
     result, verdict = assessed.result, verdict_sentences(ends)
     controlled = result.scene_law != NO_CONTROL
-    pieces: list[Text | Table] = []
-    if not verdict:
+    pieces: list[Text | Table] = list(pacing_lines(assessed.pacing, details))
+    pieces += verdict_lines(verdict)
+    if all(sentence.startswith(OUT_OF_RANGE) for sentence in verdict):
         pieces.append(Text(f"The run has {'' if controlled else 'no '}control.", "bold"))
-    pieces += verdict_lines(verdict, result.metrics.stability.unstable)
-    free = (assessed.free or result.metrics) if controlled else None
-    pieces.append(metrics_table(result, ends.predictability, free))
+    pieces.append(metrics_table(result, ends.rows))
     pieces += warning_lines(result.metrics.neglected.checks)
     if warning is not None:
         pieces.append(warning)
@@ -47,7 +44,7 @@ def print_run(
         pieces += _details(report)
     if report.verifies:
         pieces.append(_verification_line(report))
-    pieces += pacing_lines(assessed.pacing, report.repeats, report.differs)
+    pieces += repetition_lines(report.repeats, report.differs)
     print_all(console, [*pieces, *_run_lines(report)])
 
 
@@ -78,41 +75,35 @@ def _verification_line(report: RunReport) -> Text:
 
 
 def _run_lines(report: RunReport) -> list[Text]:
-    """Return scene, law, errors, recording and the next command."""
-    setup, balance, path = report.setup, report.balance, str(report.recording.path)
+    """Return scene, law, error of the model, recording and the next command."""
+    setup, infinite = report.setup, report.setup.plant.infinite_plate
     return [
         Text(
-            f"Scene {setup.name}, seed {setup.seed}, {report.transport}, "
-            f"{setup.steps:,} steps in {report.wall_s:.3g} s. "
-            f"Law: {law_line(report.assessed.law)}."
+            f"Scene {setup.name}, {setup.steps:,} steps in {report.wall_s:.3g} s. "
+            f"Law: {law_line(report.assessed.law, digests=False)}."
         ),
         Text.assemble(
-            f"Model error {error_words(*report.expects)} "
-            f"(requested {report.assessed.requested_accuracy:g}",
+            f"Error of the {'missing reflections' if infinite else 'truncated modes'} "
+            f"{error_words(*report.expects)} (requested {report.assessed.requested_accuracy:g}",
             ("; missed", "yellow") if missed(*report.expects) else "",
-            f"). Energy residual {balance.energy_residual:.1e}, "
-            f"momentum {balance.momentum_residual:.1e}.",
+            ").",
         ),
-        *next_lines(path),
+        *next_lines(str(report.recording.path)),
     ]
 
 
 def _details(report: RunReport) -> list[Text | Table]:
-    """Return all impacts, noise metrics, properties of the run and neglected effects."""
-    result, known = report.assessed.result, report.assessed.assessment.predictability
-    found, free = result.metrics, report.assessed.free or result.metrics
-    own, other = known.controlled, known.uncontrolled
-    errors = [errors_of(each, 0, "noise_errors") for each in (own, other)]
-    if result.scene_law != NO_CONTROL:
-        tables = [
-            impacts_table("Impacts with control", found.impacts, own),
-            impacts_table("The same without control", free.impacts, other),
-        ]
-        if found.noise and free.noise:
-            cases = [("with control", found.noise[0]), ("without", free.noise[0])]
-            tables.append(noise_table(cases, not found.stability.unstable, errors))
+    """Return all impacts, further metrics, properties of the run and neglected effects."""
+    ends = report.assessed.assessment
+    result, known = ends.result, ends.predictability
+    found, free = result.metrics, report.assessed.free
+    if result.scene_law == NO_CONTROL or free is None:
+        tables = [impacts_table("Impacts, no control", found.impacts, known.controlled)]
     else:
-        tables = [impacts_table("Impacts, no control", found.impacts, own)]
-        if found.noise:
-            tables.append(noise_table([("no control", found.noise[0])], errors=errors[:1]))
+        tables = [
+            impacts_table("Impacts with control", found.impacts, known.controlled),
+            impacts_table("The same without control", free.impacts, known.uncontrolled),
+        ]
+    if found.noise:
+        tables.append(metrics_table(result, ends.rows, details=True))
     return [*tables, run_table(report), *neglected_lines(found.neglected.checks)]

@@ -1,6 +1,7 @@
 """A run as plain data, which `--json` writes."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import asdict, is_dataclass
 from typing import Any
 
@@ -8,12 +9,15 @@ from hertzloop.results import model
 from hertzloop.results import verdict as verdicts
 from hertzloop.results.effects import EffectState, Neglected
 from hertzloop.results.law_accuracy import LawAccuracy
+from hertzloop.results.metric_rows import MetricRow
 from hertzloop.results.metrics import Metrics
 from hertzloop.results.predictability import Predictability
 from hertzloop.results.recorded import Pacing
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.verification import Verification
+from hertzloop.views.effects import out_of_range
 from hertzloop.views.law_line import why_not_words
+from hertzloop.views.metrics_table import label_of
 from hertzloop.views.verdict import verdict_sentences
 
 
@@ -83,6 +87,16 @@ def law_accuracy_as_json(found: LawAccuracy) -> dict[str, Any]:
     }
 
 
+def rows_as_json(found: Iterable[MetricRow]) -> list[dict[str, Any]]:
+    """Return the fields of each `MetricRow`, with the label that is printed."""
+    return [{"label": label_of(row), **asdict(row)} for row in found]
+
+
+def out_of_range_as_json(found: verdicts.Assessment | None) -> list[str]:
+    """Return the sentence on what is out of range, in a list; empty if nothing is."""
+    return out_of_range(found.result.metrics.neglected.checks) if found else []
+
+
 def _assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
     """Return all metrics of a recorded run, their predictability and the verdict."""
     result, assessed = found.result, found.assessment
@@ -98,6 +112,7 @@ def _assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
         "predictability": predictability_as_json(assessed.predictability),
         "law_accuracy": None if law is None else law_accuracy_as_json(law),
         "verdict": verdict_sentences(assessed),
+        "rows": rows_as_json(assessed.rows),
     }
 
 
@@ -110,6 +125,7 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
     """Return everything that `run --json` writes."""
     setup, balance, wall_s, assessed = report.setup, report.balance, report.wall_s, report.assessed
     data = {
+        "out_of_range": out_of_range_as_json(assessed.assessment),
         "scene": setup.name,
         "seed": setup.seed,
         "note": report.recording.note,

@@ -6,24 +6,20 @@ from rich.text import Text
 
 from hertzloop.results import verdict as verdicts
 from hertzloop.results.law_accuracy import LawAccuracy, SensitiveMetric
+from hertzloop.results.metric_rows import MetricRow, UncertainValue
 from hertzloop.results.rounding import percent
 from hertzloop.results.span_metrics import MUCH_DB
 from hertzloop.results.spans import IN_WORDS, OTHER, Span
 from hertzloop.results.stability import Stability
-from hertzloop.views.digits import known_digits
+from hertzloop.views.digits import change_text, known_digits, quantity, uncertain_text, value_texts
+from hertzloop.views.effects import OUT_OF_RANGE, out_of_range
 
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
 
 _LATER_CONTACTS = {
-    verdicts.LaterContacts.NONE: "",
-    verdicts.LaterContacts.PREDICTABLE: " in the first impact",
-    verdicts.LaterContacts.UNPREDICTABLE: " (first impact; later ones are not predictable)",
-    verdicts.LaterContacts.UNKNOWN: (
-        " (first impact; it is unknown whether later ones are predictable)"
-    ),
+    verdicts.LaterContacts.UNPREDICTABLE: "Later impacts are not predictable.",
+    verdicts.LaterContacts.UNKNOWN: "It is unknown whether later impacts are predictable.",
 }
-
-_OTHER_METRICS = {"radiated_j": "radiated energy", "plate_speed_max_m_s": "largest plate speed"}
 
 _SENSITIVE_METRICS = {
     SensitiveMetric.PENETRATION: "penetration",
@@ -33,7 +29,7 @@ _SENSITIVE_METRICS = {
 
 
 def verdict_sentences(found: verdicts.Assessment) -> list[str]:
-    """Render the verdict on a run as short sentences, the outcome of control first.
+    """Render the verdict on a run as short sentences: what is out of range, then what control does.
 
     Args:
         found: The assessment of the run.
@@ -41,8 +37,8 @@ def verdict_sentences(found: verdicts.Assessment) -> list[str]:
     Returns:
         One sentence for each fact. Each usually fits on a line of 80 columns.
     """
-    sentences, metrics = [], found.result.metrics
-    stability = metrics.stability
+    metrics = found.result.metrics
+    sentences, stability = out_of_range(metrics.neglected.checks), metrics.stability
     if stability.unstable:
         sentences += _unstable(stability)
     if not stability.unstable and not metrics.impacts:
@@ -116,40 +112,66 @@ def _control(found: verdicts.Control) -> list[str]:
     if found.outcome is verdicts.ControlEffect.IDLE:
         return ["Control has no effect: no force of the law acts."]
     if found.outcome is verdicts.ControlEffect.UNPREDICTABLE:
-        return ["The effect of control is unpredictable: the model error exceeds the change."]
-    # One digit: the second depends on where in a sample the contact begins.
-    change = known_digits(abs(found.energy_db), ".1f", found.error_db)
-    over = _LATER_CONTACTS[found.later]
-    sentences = [
-        {
-            verdicts.ControlEffect.HELPS: f"Control reduces plate energy by {change} dB{over}.",
-            verdicts.ControlEffect.HARMS: f"Control increases plate energy by {change} dB{over}.",
-            verdicts.ControlEffect.HARDLY: f"Control leaves plate energy nearly unchanged{over}.",
-        }[found.outcome]
-    ]
-    if found.whole_db is not None and abs(found.whole_db - found.energy_db) > MUCH_DB:
-        with_, without = found.contacts
-        sentences.append(
-            f"Over all contacts the change is {found.whole_db:+.1f} dB, with {with_} contact"
-            f"{'s' if with_ > 1 else ''} instead of {without}."
-        )
-    for better, head in ((True, "Better"), (False, "Worse")):
-        listed = [_change_sentence(one) for one in found.changes if one.better is better]
-        of = "" if found.later is verdicts.LaterContacts.NONE else " (first impact)"
-        if listed:
-            sentences.append(f"{head}{of}: {', '.join(listed)}.")
+        return [
+            "The effect of control is unpredictable: the error of the model exceeds the change."
+        ]
+    sentences = [_plate_energy(found.outcome, found.energy)] if found.energy else []
+    if found.later in _LATER_CONTACTS:
+        sentences.append(_LATER_CONTACTS[found.later])
+    sentences += _over_all_contacts(found)
+    sides = [("Better", found.better), ("Worse", found.worse)]
+    for head, rows in sorted(
+        sides, key=lambda side: -max((row.size for row in side[1]), default=0)
+    ):
+        if rows:
+            listed = ", ".join(map(_change_words, rows))
+            sentences.append(f"{head} (first impact): {listed}.")
     return [*sentences, *(_reasons(found.reasons) if found.reasons else [])]
 
 
-def _change_sentence(found: verdicts.Change) -> str:
-    """Return the name of a metric and its change."""
-    if found.metric in _OTHER_METRICS:
-        return f"{_OTHER_METRICS[found.metric]} {known_digits(found.value, '+.1f', found.error)} dB"
-    if found.from_nothing:
-        return "rebound height, from nearly zero"
-    return (
-        f"rebound height {known_digits(found.value, '.0f', found.error)} % of that without control"
-    )
+def _plate_energy(outcome: verdicts.ControlEffect, row: MetricRow) -> str:
+    """State how the plate energy of the first impact changes."""
+    effect, where = verdicts.ControlEffect, IN_WORDS["impact"]
+    change = row.change
+    if change is None:
+        own, without = value_texts(row)
+        return f"Control changes plate energy from {without} to {own} {where}."
+    if outcome is effect.HARDLY:
+        return f"Control leaves plate energy nearly unchanged {where}."
+    if outcome is effect.HELPS_OR_HARMS:
+        return f"Control changes plate energy by {change_text(row)} {where}."
+    verb = "reduces"
+    if outcome in (effect.HARMS, effect.HARMS_OR_HARDLY):
+        verb = "increases"
+    if outcome in (effect.HELPS_OR_HARDLY, effect.HARMS_OR_HARDLY):
+        most = max(abs(change.least), abs(change.most))
+        found = known_digits(most, ".1f", change.error)
+        return f"Control {verb} plate energy by at most {found} dB {where}."
+    least, most = sorted((abs(change.least), abs(change.most)))
+    size = UncertainValue(abs(change.value), change.error, least, most)
+    return f"Control {verb} plate energy by {uncertain_text(size, '.1f')} dB {where}."
+
+
+def _over_all_contacts(found: verdicts.Control) -> list[str]:
+    """State how the plate energy of all contacts changes, where that differs by much."""
+    whole, first = found.whole, found.energy.change if found.energy else None
+    if whole is None or first is None or found.contacts is None:
+        return []
+    if max(abs(whole.least - first.least), abs(whole.most - first.most)) <= MUCH_DB:
+        return []
+    with_, without = (uncertain_text(count, ".0f") for count in found.contacts)
+    return [
+        f"Over all contacts the change is {uncertain_text(whole, '+.1f')} dB, with {with_} contact"
+        f"{'' if with_ == '1' else 's'} instead of {without}."
+    ]
+
+
+def _change_words(row: MetricRow) -> str:
+    """Return the name of a metric and its change, as in the table."""
+    if row.from_zero:
+        own, without = value_texts(row)
+        return f"{row.field.words} {own} instead of {without}"
+    return f"{row.field.words} {change_text(row)}"
 
 
 def _reasons(found: verdicts.Reasons) -> list[str]:
@@ -157,13 +179,13 @@ def _reasons(found: verdicts.Reasons) -> list[str]:
     reasons = []
     if found.after_touch_s is not None and found.late_share is not None:
         reasons.append(
-            f"the first force comes {1e6 * found.after_touch_s:.3g} us after contact begins "
+            f"the first force comes {quantity(found.after_touch_s, 's')} after contact begins "
             f"({100.0 * found.late_share:z.0f} % of it)"
         )
     if found.apart is not None:
         reasons.append(f"{100.0 * found.apart:z.0f} % of the control impulse acts without contact")
     if found.injected_j is not None:
-        reasons.append(f"the actuator adds {1e6 * found.injected_j:.3g} uJ to the plate")
+        reasons.append(f"the actuator adds {quantity(found.injected_j, 'J')} to the plate")
     if found.dent_m is not None:
         reasons.append(
             f"the law takes the permanent dent of {1e6 * found.dent_m:.2g} um for penetration"
@@ -193,9 +215,13 @@ def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
     return sentences
 
 
-def verdict_lines(verdict: Sequence[str], unstable: bool) -> list[Text]:
-    """Return the verdict on a run as lines, the first sentence in bold."""
-    lines = [Text(sentence, "" if i else "bold") for i, sentence in enumerate(verdict)]
-    if lines and unstable:
-        lines[0] = Text.assemble((UNSTABLE, "bold red"), verdict[0][len(UNSTABLE) :])
+def verdict_lines(verdict: Sequence[str]) -> list[Text]:
+    """Return the verdict on a run as lines, the first sentence on its result in bold."""
+    lines = [Text(sentence) for sentence in verdict]
+    for line in lines[:1]:
+        line.stylize("bold")
+    for i, sentence in enumerate(verdict[:2]):
+        for head in (UNSTABLE, OUT_OF_RANGE):
+            if sentence.startswith(head):
+                lines[i] = Text.assemble((head, "bold red"), sentence[len(head) :])
     return lines

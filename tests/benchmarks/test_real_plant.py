@@ -9,8 +9,8 @@ from benchmarks import real_plant as study
 from benchmarks.latency import Named, critical
 from benchmarks.results import Results
 from hertzloop.results.cases import metrics_of_case
+from hertzloop.results.touch_phases import phases
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.touch_phases import phases
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from hertzloop.results.cases import CaseState, uncontrolled
 from hertzloop.results.spans import OTHER, Span
+from hertzloop.results.touch_phases import spread_of
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
 from hertzloop.studies.budget.goal import METRICS, Goal, all_met, worst_excess
@@ -18,7 +19,6 @@ from hertzloop.studies.cases.evaluate import CaseTally, Pool, evaluate
 from hertzloop.studies.cases.finished_cases import FinishedCases
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import RunCases, check_all_ran, failed, metric_of
-from hertzloop.studies.cases.touch_phases import spread_of
 
 
 def budget(

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 from hertzloop.results.spans import Span
+from hertzloop.results.touch_phases import phases
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.limits import BudgetQuantity
 from hertzloop.studies.budget.quantities import contact_us
 from hertzloop.studies.cases.rows import Case
-from hertzloop.studies.cases.touch_phases import phases
 
 _PHASES, _QUICK_PHASES = 5, 3
 _SEEDS, _QUICK_SEEDS = 3, 1

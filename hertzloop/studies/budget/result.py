@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from hertzloop.results.spans import Span
+from hertzloop.results.touch_phases import Spread
 from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import BudgetLimit
 from hertzloop.studies.budget.probability import Probability
-from hertzloop.studies.cases.touch_phases import Spread
 from hertzloop.studies.margin.flight import Margin
 
 

@@ -1,48 +1,15 @@
-"""Metrics over the phase of the first touch within a sample, which nobody controls.
+"""Cases of a study at several phases of the first touch; see `results.touch_phases`."""
 
-A law that counts samples answers as on a staircase with one step a sample, so a metric at one
-phase tells one of two values. Mean and range are taken over phases spread evenly.
-"""
-
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from hertzloop.results.spans import Span
+from hertzloop.results.touch_phases import FEW, TOUCH_PHASE_KEY, Spread, phases, spread_of
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.rows import Rows, metric_of
 
-TOUCH_PHASE_KEY = "run.touch_phase"
-_FEW = 5
 
-
-def phases(count: int = _FEW) -> tuple[float, ...]:
-    """Return phases spread evenly over a step; an odd number of them includes the middle."""
-    return tuple(round((i + 0.5) / count, 6) for i in range(count))
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Mean, least and largest value of a metric; nan if a phase has none."""
-
-    mean: float
-    least: float
-    most: float
-
-    def __str__(self) -> str:
-        return f"{self.mean:z.2f} ({self.least:z.2f} to {self.most:z.2f})"
-
-
-def spread_of(values: Any) -> Spread:
-    """Return the spread of the values of a metric over the phases."""
-    found = np.asarray(values, dtype=float)
-    with np.errstate(invalid="ignore"):
-        return Spread(float(np.mean(found)), float(np.min(found)), float(np.max(found)))
-
-
-def at_all(case: dict[str, Any], count: int = _FEW) -> list[dict[str, Any]]:
+def at_all(case: dict[str, Any], count: int = FEW) -> list[dict[str, Any]]:
     """Return a case at every phase."""
     return [case | {TOUCH_PHASE_KEY: phase} for phase in phases(count)]
 
@@ -52,7 +19,7 @@ def spread_over(
 ) -> list[dict[str, Spread]]:
     """Return the spread of some metrics, one dictionary for each case."""
     rows = evaluate(pool, setup, span, [c for case in cases for c in at_all(case)])
-    groups = [rows[i : i + _FEW] for i in range(0, len(rows), _FEW)]
+    groups = [rows[i : i + FEW] for i in range(0, len(rows), FEW)]
     return [_spreads(group, metrics) for group in groups]
 
 

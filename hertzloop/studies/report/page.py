@@ -11,7 +11,6 @@ from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.listening import write_sounds
 from hertzloop.results.metrics import free_metrics
-from hertzloop.results.predictability import errors_of
 from hertzloop.results.recorded import law_of
 from hertzloop.results.repeatability import why_not_repeatable
 from hertzloop.results.verdict import RunAssessment, assess_recording
@@ -29,7 +28,7 @@ from hertzloop.studies.report.repetition import repetition
 from hertzloop.views.effects import sentences_of
 from hertzloop.views.impacts_table import impact_headings, impact_rows
 from hertzloop.views.law_line import law_line, why_not_words
-from hertzloop.views.noise_table import noise_rows
+from hertzloop.views.metrics_table import cells_of, further_rows, notes_on, shown_rows
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of
 from hertzloop.views.verdict import verdict_sentences
@@ -74,22 +73,19 @@ def page_of(recording: Recording) -> str:
 
 
 def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
-    """Noise metrics of the first impact and all impacts as `run` prints them, those without
+    """Metrics of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
     runs = [found.result.metrics, *([found.free] if found.free else [])]
     if not all(run.noise for run in runs):
         return []
-    known = found.assessment.predictability
+    known, ends = found.assessment.predictability, found.assessment
     digits = [known.controlled, known.uncontrolled][: len(runs)]
     names = ["with control", "without"] if found.free else ["this run"]
     compare = compare and found.free is not None
-    rows = noise_rows(
-        [run.noise[0] for run in runs],
-        compare,
-        [errors_of(each, 0, "noise_errors") for each in digits],
-    )
+    shown = [*shown_rows(ends.rows), *further_rows(ends.rows)]
     columns = ["metric of the first impact", *names, *(["change"] if compare else [])]
-    tables = [ResultTable("", columns, rows)]
+    rows = [cells_of(row, ends.result.complete, compare) for row in shown]
+    tables = [ResultTable("", columns, rows, "; ".join(notes_on(shown)))]
     for name, run, each in zip(names, runs, digits, strict=True):
         why_not = why_not_words(known.not_repeatable) if run is runs[0] else ""
         rows, notes = impact_rows(run.impacts, each, why_not)

@@ -4,13 +4,13 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, get_args
 
+from hertzloop.results.touch_phases import TOUCH_PHASE_KEY, phases
 from hertzloop.scene.plant_checks import check_conserves
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.axis import DesignError, as_axis, axes_from
 from hertzloop.studies.cases.design import Design, DesignKind, design_of
 from hertzloop.studies.cases.identity import code_version, laws_of
-from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, phases
 from hertzloop.studies.cases.uncertain import with_draws
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.sweep.request import SweepRequest

@@ -10,7 +10,7 @@ from typing import Any
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.common.missing_files import why_unreadable
 from hertzloop.results.spans import Span
-from hertzloop.studies.cases.touch_phases import Spread
+from hertzloop.results.touch_phases import Spread
 from hertzloop.studies.margin.growth import Growth
 
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.results.touch_phases import Spread
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.rows import metric_of
-from hertzloop.studies.cases.touch_phases import Spread, at_all, spread_over
+from hertzloop.studies.cases.touch_phases import at_all, spread_over
 from hertzloop.studies.margin.growth import Growth, growth_of
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.result import Candidate

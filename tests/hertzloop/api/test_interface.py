@@ -94,15 +94,28 @@ def test_a_run_has_metrics_and_a_verdict_those_of_the_command(scene, tmp_path):
         assert one.verdict == told["verdict"]
         assert asdict(one.metrics) == {k: told[k] for k in ("first_impact", "whole_run")}
     free = memory.without_control()
-    assert free.verdict == []
+    assert [sentence.split(":")[0] for sentence in free.verdict] == ["OUT OF RANGE"]
     found = hertzloop.compare(free, memory)
     rows = {(row.span, row.metric): row for row in found.rows}
     energy = rows["first_impact", "plate_energy_j"]
     expected = [one.impacts[0].plate_energy_j for one in (free, memory)]
     assert [energy.a, energy.b] == pytest.approx(expected, rel=1e-9)
     assert energy.b_to_a == pytest.approx(-1.49, abs=0.01)
-    assert "-1.49 dB" in str(found)
-    assert hertzloop.compare(free.metrics, memory.metrics) == found
+    assert energy.b_range[0] <= energy.b <= energy.b_range[1]
+    assert energy.b_error == pytest.approx(scene.run.accuracy * energy.b, rel=0.01)
+    assert "plate energy" in str(found)
+    bare = hertzloop.compare(free.metrics, memory.metrics)
+    changes, expected = ([row.b_to_a for row in one.rows] for one in (bare, found))
+    assert changes == pytest.approx(expected, nan_ok=True)
+
+
+def test_a_printed_run_is_at_most_six_lines_with_the_verdict(scene):
+    run = hertzloop.simulate(scene)
+    lines = str(run).splitlines()
+    assert 4 < len(lines) <= 6
+    assert "aluminium-3mm" in lines[0]
+    assert lines[1:] == run.verdict[:5]
+    assert len(repr(run)) < 200
 
 
 def test_modes_come_as_a_table_with_units(scene):

@@ -13,7 +13,6 @@ import hertzloop
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics import impact_kernels
-from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import CaseMetrics, metrics_of_case
@@ -22,7 +21,7 @@ from hertzloop.results.span_metrics import SpanMetrics, changes_db
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.report.page import page_of
-from hertzloop.views.noise_table import noise_rows
+from hertzloop.views.metrics_table import cells_of, further_rows, shown_rows
 from tests.commands import succeed
 from tests.hertzloop.own_laws import ECHO
 from tests.hertzloop.scenes import aluminium_3mm, json_in
@@ -172,6 +171,9 @@ def test_everything_says_the_same_of_the_first_impact(reports_of, law):
     first, noise = numbers(it.run["first_impact"]), it.run["noise"][0]
     energy = near(first["plate_energy_j"])
     assert (noise["transmitted_j"], it.run["impacts"][0]["plate_energy_j"]) == (energy, energy)
+    ranges = [{(row["span"], row["metric"]): row["value"] for row in told["rows"]}
+              for told in (it.run, it.inspect)]  # fmt: skip
+    assert ranges[0] == ranges[1]
     for found in it.python:
         assert found.impacts[0].plate_energy_j == energy
         assert found.noise[0].plate_speed_max_m_s == near(first["plate_speed_max_m_s"])
@@ -219,8 +221,9 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path):
         assert bool(np.any(truth[F_A, first.over : second.start])) == (law == [ahead])
     assert it.case.steps < 5000
     page = page_of(read(tmp_path / "run.mcap"))
-    columns = [ImpactNoise(**report["noise"][0]) for report in (it.run, it.run["uncontrolled"])]
-    assert all(cell in page for row in noise_rows(columns, compare=True) for cell in row)
+    rows = hertzloop.read(tmp_path / "run.mcap").rows
+    shown = [*shown_rows(rows), *further_rows(rows)]
+    assert all(cell in page for row in shown for cell in cells_of(row))
 
 
 def followed(f_c: list[float], f_a: list[float], gap: list[float], line: int = 0) -> list[int]:

@@ -6,10 +6,10 @@ import pytest
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.recordings.compare import first_difference
-from hertzloop.results.comparison import compared
+from hertzloop.results.comparison import comparison
+from hertzloop.results.metric_rows import uncertain_values
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.predictability import horizon_step, known_impacts
-from hertzloop.results.span_metrics import RunMetrics
 from hertzloop.views.comparison import PrintedComparison
 from hertzloop.views.digits import known_digits
 from tests.commands import invoke, succeed
@@ -32,19 +32,22 @@ def test_every_bounce_of_a_light_ball_magnifies_what_was_before():
 
 def test_a_comparison_shows_the_digits_that_are_known():
     metrics = metrics_of(FOUR, simulate(FOUR).truth)
-    own = RunMetrics(metrics.first_impact, metrics.whole_run)
     known = known_impacts(FOUR, metrics.impacts, 1e-3, noise=metrics.noise)
-    found = compared(own, own, known, known)
+    own = uncertain_values(metrics, 1e-3, known)
+    found = PrintedComparison(comparison(own, own))
     energies = {row.span: row for row in found.rows if row.metric == "plate_energy_j"}
-    assert energies["first_impact"].a_error == 0.0
-    assert energies["whole_run"].a_error > energies["whole_run"].a
-    [first, whole] = [
-        line.split("│")[2:5]
-        for line in str(PrintedComparison(found.rows)).splitlines()
+    first, whole = energies["first_impact"], energies["whole_run"]
+    assert first.a_error == pytest.approx(1e-3 * first.a)
+    assert whole.a_error > whole.a
+    [first_line, whole_line] = [
+        [cell.strip() for cell in line.split("│")[2:5]]
+        for line in str(found).splitlines()
         if "plate energy" in line
     ]
-    assert "uJ" in first[0]
-    assert [cell.strip() for cell in whole] == ["unknown"] * 3
+    assert first_line == [f"{1e6 * first.a:.0f} uJ"] * 2 + ["+0.0 dB"]
+    assert whole_line[:2] == ["unknown"] * 2
+    [counted] = [line for line in str(found).splitlines() if "contacts, whole run" in line]
+    assert counted.count("unknown") == 3
 
 
 def test_late_forces_are_no_chaos():

@@ -4,42 +4,30 @@ import io
 import math
 import operator
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 
 from hertzloop.loop.run_options import RunOptions, Transport
-from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.results.assessed_run import run_and_assess
+from hertzloop.results.metric_rows import compared, uncertain
 from hertzloop.views.details import run_table
+from hertzloop.views.digits import change_text, uncertain_text, value_texts
 from hertzloop.views.effects import table_of
 from hertzloop.views.format import Table
 from hertzloop.views.impacts_table import impacts_table
-from hertzloop.views.noise_table import noise_rows, noise_table
+from hertzloop.views.metrics_table import metrics_table
 from hertzloop.views.run_json import run_as_json
 from tests.commands import invoke
 from tests.hertzloop.scenes import aluminium_3mm
 
 UNITS = {
+    "nJ": 1e-9, "J": 1.0, "m": 1.0, "kN": 1e3, "mPa": 1e-3,
     "us": 1e-6, "ms": 1e-3, "s": 1.0, "um": 1e-6, "mm": 1e-3, "uJ": 1e-6, "mJ": 1e-3, "m/s": 1.0,
     "Pa": 1.0, "GPa": 1e9, "kHz": 1e3, "N": 1.0, "N/us": 1e6, "W": 1.0, "steps/s": 1.0,
 }  # fmt: skip
-NOISE = {
-    "contact time": "contact_time_s",
-    "next impact speed": "next_impact_speed_m_s",
-    "rebound height": "rebound_height_m",
-    "acceleration noise, Longhorn": "longhorn_j",
-    "acceleration noise, Holmes": "holmes_j",
-    "peak pressure bound at 1 m": "peak_pressure_pa",
-    "transmitted energy, in time": "transmitted_j",
-    "transmitted energy, by spectrum": "transmitted_spectrum_j",
-    "largest plate speed": "plate_speed_max_m_s",
-    "sigma E to 20 kHz, eq. 3.12 (study)": "radiated_j",
-    "sigma E to 20 kHz, eq. 3.13": "radiated_maidanik_j",
-    "radiated to 20 kHz, eq. 3.12": "sound_j",
-    "radiated to 20 kHz, eq. 3.13": "sound_maidanik_j",
-}
+HEIGHT = ("first_impact", "rebound_height_m")
 IMPACT = {
     "start": "start_s",
     "duration": "duration_s",
@@ -104,28 +92,27 @@ def test_what_the_run_leaves_out(ran, report):
     assert sides == {"<", ">"}
 
 
-@pytest.mark.full
-def test_noise(ran, report):
-    own, free = report["noise"][0], report["uncontrolled"]["noise"][0]
-    cases = [
-        ("with", ran.assessed.result.metrics.noise[0]),
-        ("without", ran.assessed.free.noise[0]),
-    ]
-    header, *rows = lines(noise_table(cases))
-    assert header[1:] == ["with", "without", "change"]
-    assert {row[0] for row in rows} == set(NOISE)
-    for label, with_control, without, change in rows:
-        values = own[NOISE[label]], free[NOISE[label]]
-        found = [*quantities(with_control), *quantities(without)]
-        assert found == pytest.approx(values, rel=6e-4), label
-        ratio = values[0] / values[1]
-        if change.endswith("%"):
-            assert float(change[:-2]) == pytest.approx(100 * (ratio - 1.0), abs=0.051)
-        else:
-            of_amplitude = label.startswith(("peak pressure", "largest plate"))
-            decibel = (20 if of_amplitude else 10) * math.log10(ratio)
-            assert float(change[:-3]) == pytest.approx(decibel, abs=0.0051)
-    assert len(lines(noise_table(cases, False))[0]) == 3
+def test_every_metric_is_printed_with_the_label_and_the_digits_of_its_row(ran, report):
+    """Values, ranges and changes of both tables are those of --json."""
+    result, rows = ran.assessed.result, ran.assessed.assessment.rows
+    tables = [metrics_table(result, rows), metrics_table(result, rows, details=True)]
+    printed = {label: cells for table in tables for label, *cells in lines(table)[1:]}
+    assert lines(tables[0])[0][1:] == ["with control", "without", "change"]
+    told = {(row["span"], row["label"]): row for row in report["rows"]}
+    for label, (own, without, change) in printed.items():
+        span = "whole_run" if "whole run" in label else "first_impact"
+        row = told[span, label]
+        for cell, found in ((own, row["value"]), (without, row["reference"])):
+            *_, unit = cell.split() if " " in cell else [cell, ""]
+            ends = cell.removesuffix(unit).replace("about ", "").split(" to ")
+            for number, end in zip(ends, ("least", "most"), strict=False):
+                size = UNITS.get(unit, 1.0) * float(number.replace(",", ""))
+                allowed = max(0.006 * abs(found["most"]), found["error"])
+                assert size == pytest.approx(found[end], abs=allowed), label
+        if row["change"] and row["unit"] in ("dB", "%"):
+            low = change.removesuffix(row["unit"]).removeprefix("about ").split(" to ")[0]
+            allowed = max(0.51, row["change"]["error"])
+            assert float(low.replace(",", "")) == pytest.approx(row["change"]["least"], abs=allowed)
 
 
 @pytest.mark.full
@@ -137,16 +124,29 @@ def test_impacts(ran, report):
             assert float(cell) * UNITS[unit] == pytest.approx(impact[IMPACT[words]], rel=6e-4)
 
 
-def test_a_change_in_per_cent_has_a_sign_as_in_the_short_table():
-    without = ImpactNoise(**{field.name: 1.0 for field in fields(ImpactNoise)})
-    under = replace(without, contact_time_s=0.447, next_impact_speed_m_s=1e4)
-    rows = {row[0]: row[-1] for row in noise_rows([under, without], compare=True)}
-    assert rows["contact time"] == "-55.3 %"
-    assert rows["next impact speed"] == "from nearly zero"
-    assert rows["rebound height"] == "+0.0 %"
-    back = replace(without, next_impact_speed_m_s=-0.2)
-    rows = {row[0]: row[-1] for row in noise_rows([under, back], compare=True)}
-    assert rows["next impact speed"] == ""
+@pytest.mark.parametrize(
+    ("value", "error", "others", "shown"),
+    [
+        (965.4, 0.97, [977.76], "965 to 978"),
+        (965.4, 0.97, [965.9], "965"),
+        (965.4, 30.0, [977.76], "about 1,000"),
+        (20.066, 0.07, [16.998, 19.66], "17.0 to 20.1"),
+        (0.12757, 0.005, [0.10087], "0.10 to 0.13"),
+        (0.0, 1e-5, [], "0"),
+        (5.0, 6.0, [], "unknown"),
+        (5.0, math.inf, [7.0], "unknown"),
+    ],
+)
+def test_a_number_has_the_digits_that_its_error_leaves_or_is_a_range(value, error, others, shown):
+    assert uncertain_text(uncertain(value, error, others), ".4g", largest=1.0) == shown
+
+
+def test_a_change_from_zero_is_called_so():
+    with_, without = uncertain(1.57e-3, 1e-6), uncertain(0.0, 1e-8)
+    [row] = compared({HEIGHT: with_}, {HEIGHT: without})
+    assert (change_text(row), value_texts(row)) == ("from 0", ["1.57 mm", "0 mm"])
+    [row] = compared({HEIGHT: without}, {HEIGHT: without})
+    assert change_text(row) == ""
 
 
 @pytest.mark.full

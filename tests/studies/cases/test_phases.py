@@ -8,9 +8,9 @@ import pytest
 
 from benchmarks.latency import Named, critical
 from hertzloop.results.cases import metrics_of_case
+from hertzloop.results.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.axis import Axis
-from hertzloop.studies.cases.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.score import with_spreads

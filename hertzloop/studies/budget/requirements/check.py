@@ -7,6 +7,7 @@ from typing import Any
 
 from hertzloop.results.cases import CASE_METRICS, CaseState
 from hertzloop.results.spans import Span
+from hertzloop.results.touch_phases import phases as spread_evenly
 from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -20,7 +21,6 @@ from hertzloop.studies.budget.requirements.requirement import SceneRequirement, 
 from hertzloop.studies.budget.stability import instability, linear_margin, stable_under
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.rows import Rows, RunCases, check_all_ran, metric_of
-from hertzloop.studies.cases.touch_phases import phases as spread_evenly
 from hertzloop.studies.cases.uncertain_file import read_uncertain
 from hertzloop.studies.margin.flight import Margin
 

@@ -1,0 +1,212 @@
+"""The metrics of a run as rows, each with its error, its range and its change by control.
+
+The verdict, tables, JSON, comparisons and the Python interface are made of these rows.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.results.metric_fields import MetricField
+from hertzloop.results.metrics import Metrics, RunResult
+from hertzloop.results.predictability import (
+    ImpactErrors,
+    Predictability,
+    error_of,
+    later_impacts_known,
+)
+from hertzloop.results.span_metrics import SPAN_METRICS, decibels
+from hertzloop.results.touch_phases import SAME_PHASE, OtherPhases
+
+SpanName = Literal["first_impact", "whole_run"]
+
+# Metrics that the first impact alone has.
+_OF_NOISE = {
+    "transmitted_spectrum_j": MetricField("", "plate energy, by spectrum", "uJ", 1e6, 10.0),
+    "radiated_maidanik_j": MetricField("", "radiated energy to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+    "sound_maidanik_j": MetricField("", "sound energy to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
+}
+METRICS = SPAN_METRICS | _OF_NOISE
+
+# By the structure, not by its modes: no model error.
+_GIVEN = ("contacts", "impact_speed_m_s")
+
+
+@dataclass(frozen=True)
+class UncertainValue:
+    """A number with its error and its range.
+
+    Attributes:
+        value: the number.
+        error: largest absolute error by the truncated modes and by what earlier impacts magnify;
+            infinite if no digit is predictable.
+        least: least value over the touch phases.
+        most: largest value over the touch phases.
+    """
+
+    value: float
+    error: float
+    least: float
+    most: float
+
+    @property
+    def known(self) -> bool:
+        """Whether any digit is predictable."""
+        return self.error == 0.0 or self.error < max(abs(self.least), abs(self.most))
+
+
+def uncertain(value: float, error: float = 0.0, others: Iterable[float] = ()) -> UncertainValue:
+    """Return a number with its error and its range; `others`: its values at other phases."""
+    values = [value, *others]
+    return UncertainValue(value, error, min(values), max(values))
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One metric of a run, beside that of the run that it is compared with.
+
+    Attributes:
+        span: "first_impact" or "whole_run".
+        metric: name of the metric, a key of METRICS.
+        value: value of the run, SI units; nan if it is not defined.
+        reference: value of the other run; None without a comparison.
+        change: change from the reference to the value, in `unit`; None if it is not defined.
+        unit: "dB" for energies, speeds and pressures, "%" for other quantities; for what is
+            compared by its difference, the SI unit.
+        from_zero: whether the reference is zero within its error, and the value is not.
+    """
+
+    span: SpanName
+    metric: str
+    value: UncertainValue
+    reference: UncertainValue | None = None
+    change: UncertainValue | None = None
+    unit: str = ""
+    from_zero: bool = False
+
+    @property
+    def field(self) -> MetricField:
+        """Label, unit and kind of comparison of the metric."""
+        return METRICS[self.metric]
+
+    @property
+    def size(self) -> float:
+        """Size of the change in dB, by which changes are ordered."""
+        if self.from_zero:
+            return math.inf
+        if self.change is None or self.reference is None or self.field.difference:
+            return 0.0
+        if self.unit == "dB":
+            return abs(self.change.value)
+        if self.value.value == 0.0:
+            return math.inf
+        return abs(decibels(self.value.value, self.reference.value, 20.0))
+
+
+Rows = Sequence[MetricRow]
+
+
+def row_of(rows: Rows, span: SpanName, metric: str) -> MetricRow | None:
+    """Return the row of a metric; None if there is none."""
+    return next((row for row in rows if (row.span, row.metric) == (span, metric)), None)
+
+
+def metric_rows(
+    result: RunResult,
+    free: Metrics | None,
+    known: Predictability,
+    phases: OtherPhases = SAME_PHASE,
+) -> list[MetricRow]:
+    """Return the metrics of a run beside those without control.
+
+    Args:
+        result: The run.
+        free: Metrics of the same run without control; None if there is no comparison.
+        known: How well the impacts of both can be known.
+        phases: Metrics of the run at other touch phases.
+    """
+    own = uncertain_values(result.metrics, known.model_error, known.controlled, phases)
+    if free is None:
+        return [MetricRow(*key, value) for key, value in own.items()]
+    other = uncertain_values(free, known.free_error, known.uncontrolled)
+    if result.metrics.stability.unstable:
+        return [MetricRow(*key, value, other[key]) for key, value in own.items()]
+    return compared(own, other)
+
+
+UncertainValues = Mapping[tuple[SpanName, str], UncertainValue]
+
+
+def uncertain_values(
+    metrics: Metrics,
+    model_error: float | None,
+    known: Sequence[ImpactErrors] | None,
+    phases: OtherPhases = SAME_PHASE,
+) -> UncertainValues:
+    """Return the metrics of one run with their errors and ranges, by span and name."""
+    first = vars(metrics.first_impact) if metrics.first_impact else {}
+    noise = vars(metrics.noise[0]) if metrics.noise else {}
+    whole = vars(metrics.whole_run) if metrics.whole_run else {}
+    spans: tuple[tuple[SpanName, Mapping[str, float], Sequence[Mapping[str, float]]], ...] = (
+        ("first_impact", noise | first, phases.first_impact),
+        ("whole_run", whole, phases.whole_run),
+    )
+    certain = later_impacts_known(metrics.impacts, known)
+    found = {}
+    for span, values, others in spans:
+        for name in SPAN_METRICS if span == "whole_run" else METRICS:
+            value = float(values.get(name, math.nan))
+            error = max(_model_error(name, value, values, model_error), error_of(known, span, name))
+            if name == "contacts" and span == "whole_run" and not certain:
+                error = math.inf
+            found[span, name] = uncertain(value, error, (float(each[name]) for each in others))
+    return found
+
+
+def compared(own: UncertainValues, other: UncertainValues) -> list[MetricRow]:
+    """Return the metrics of a run beside those of another, where both have them."""
+    return [_row(*key, value, other[key]) for key, value in own.items() if key in other]
+
+
+def _model_error(
+    name: str, value: float, values: Mapping[str, float], model_error: float | None
+) -> float:
+    """Return the error by the truncated modes: that of the rebound is a share of the impact speed,
+    that of other metrics a share of themselves."""
+    if model_error is None or name in _GIVEN or math.isnan(value):
+        return 0.0
+    speed_error = model_error * values["impact_speed_m_s"]
+    if name == "rebound_speed_m_s":
+        return speed_error
+    if name == "rebound_height_m":
+        speed = math.sqrt(2.0 * GRAVITY_M_S2 * max(value, 0.0))
+        return ((speed + speed_error) ** 2 - speed**2) / (2.0 * GRAVITY_M_S2)
+    return model_error * abs(value)
+
+
+def _row(span: SpanName, name: str, value: UncertainValue, reference: UncertainValue) -> MetricRow:
+    """Compare two values of a metric."""
+    field, base = METRICS[name], reference.value
+    if field.difference:
+        ends = [each - base for each in (value.value, value.least, value.most)]
+        unit, error = field.unit, value.error + reference.error
+        if math.isnan(ends[0]):
+            return MetricRow(span, name, value, reference)
+        return MetricRow(span, name, value, reference, uncertain(ends[0], error, ends), unit)
+    if base == 0.0 or (0.0 < base <= reference.error):
+        risen = value.known and value.value > value.error
+        return MetricRow(span, name, value, reference, from_zero=risen)
+    ratios = [each / base for each in (value.value, value.least, value.most)]
+    if not base > 0.0 or not min(ratios) >= 0.0 or (field.db and min(ratios) == 0.0):
+        return MetricRow(span, name, value, reference)
+    wrong = value.error / abs(value.value) if value.value else 0.0
+    wrong += reference.error / base
+    if field.db:
+        ends = [field.db * math.log10(ratio) for ratio in ratios]
+        change = uncertain(ends[0], field.db / math.log(10.0) * wrong, ends)
+        return MetricRow(span, name, value, reference, change, "dB")
+    ends = [100.0 * (ratio - 1.0) for ratio in ratios]
+    error = 100.0 * (value.error + reference.error * ratios[0]) / base
+    return MetricRow(span, name, value, reference, uncertain(ends[0], error, ends), "%")

@@ -1,0 +1,151 @@
+"""Metrics over the phase of the first touch within a step, which nobody controls.
+
+A digital law answers in whole samples, so a metric at one phase is one end of a range: contact may
+begin anywhere between two samples. A run is repeated at phases spread evenly over a step.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hertzloop.loop.simulate import simulate
+from hertzloop.plant.metrics.noise import ImpactNoise
+from hertzloop.plant.plant import modes_of
+from hertzloop.results.impacts import first_impact, impacts_of_truth
+from hertzloop.results.metrics import RunResult
+from hertzloop.results.predictability import Predictability, later_impacts_known
+from hertzloop.results.span_metrics import SpanMetrics, of_impact
+from hertzloop.results.spans import follow
+from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.setup import Setup
+
+TOUCH_PHASE_KEY = "run.touch_phase"
+FEW = 5
+
+# Work of the repeats of a whole run, steps times modes: about half a second of one core.
+_MOST_WORK = 2e8
+_STEP_WORK = 100.0  # of a step beside its modes, in modes
+
+
+def phases(count: int = FEW) -> tuple[float, ...]:
+    """Return phases spread evenly over a step; an odd number of them includes the middle."""
+    return tuple(round((i + 0.5) / count, 6) for i in range(count))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean, least and largest value of a metric; nan if a phase has none."""
+
+    mean: float
+    least: float
+    most: float
+
+    def __str__(self) -> str:
+        return f"{self.mean:z.2f} ({self.least:z.2f} to {self.most:z.2f})"
+
+
+def spread_of(values: Any) -> Spread:
+    """Return the spread of the values of a metric over the phases."""
+    found = np.asarray(values, dtype=float)
+    with np.errstate(invalid="ignore"):
+        return Spread(float(np.mean(found)), float(np.min(found)), float(np.max(found)))
+
+
+@dataclass(frozen=True)
+class OtherPhases:
+    """Metrics of a run at other touch phases, by the name of the metric.
+
+    Attributes:
+        first_impact: metrics of the first impact, one mapping for each phase; empty if the touch
+            phase changes nothing, or if the run cannot be repeated.
+        whole_run: the same of the whole run; empty also where later impacts are not predictable,
+            and where the repeats take long.
+    """
+
+    first_impact: tuple[Mapping[str, float], ...] = ()
+    whole_run: tuple[Mapping[str, float], ...] = ()
+
+
+SAME_PHASE = OtherPhases()
+
+
+def at_other_phases(setup: Setup, result: RunResult, known: Predictability) -> OtherPhases:
+    """Repeat a run at other touch phases, in one compiled loop.
+
+    Args:
+        setup: The setup of the run.
+        result: The run. If its forces were late, the changes of the same run in lock-step count.
+        known: How well its impacts can be known.
+    """
+    metrics = result.metrics
+    if (
+        not setup.has_law
+        or metrics.first_impact is None
+        or metrics.stability.unstable
+        or known.not_repeatable
+    ):
+        return SAME_PHASE
+    own = setup.with_plate_model(setup.plate_model)
+    others = [phase for phase in phases() if abs(phase - setup.touch_phase) > 1e-9]
+    if own.refusal({TOUCH_PHASE_KEY: others[0]}):  # the run does not begin in flight
+        return SAME_PHASE
+    work = setup.steps * (len(modes_of(setup.plant).omega) + _STEP_WORK)
+    whole = (
+        result.complete
+        and metrics.whole_run is not None
+        and later_impacts_known(metrics.impacts, known.controlled)
+        and work * len(others) <= _MOST_WORK
+    )
+    try:
+        found = [_at_phase(own, phase, whole) for phase in others]
+        if result.late:
+            in_lock_step = _at_phase(own, setup.touch_phase, whole)
+            ran = _spans(metrics.first_impact, metrics.noise[0], metrics.whole_run)
+            found = [_shifted(one, in_lock_step, ran) for one in found]
+    except SceneError:  # the law stops at another phase, or a phase has no impact
+        return SAME_PHASE
+    return OtherPhases(
+        tuple(first for first, _ in found), tuple(run for _, run in found if run and whole)
+    )
+
+
+Values = Mapping[str, float]
+_Spans = tuple[Values, Values]  # of the first impact, and of the whole run
+
+
+def _spans(first: SpanMetrics, noise: ImpactNoise, whole: SpanMetrics | None) -> _Spans:
+    return vars(noise) | vars(first), vars(whole) if whole else {}
+
+
+def _at_phase(setup: Setup, phase: float, whole: bool) -> _Spans:
+    """Return the metrics of a run at a touch phase. Raises SceneError."""
+    setup = setup.vary({TOUCH_PHASE_KEY: phase})
+    truth = simulate(setup).truth if whole else follow(setup, "impact")[1].truth
+    first = first_impact(setup, truth)
+    if first is None:
+        raise SceneError("no impact ends within the run")
+    run = None
+    if whole:
+        accumulator = WholeRunAccumulator(setup.plant)
+        accumulator.feed(0, truth)
+        found = impacts_of_truth(setup, truth, audible_modes(setup.plant))
+        run = accumulator.result([one.impact for one in found])
+    return _spans(of_impact(first), first.noise, run)
+
+
+def _shifted(found: _Spans, reference: _Spans, ran: _Spans) -> _Spans:
+    """Return the metrics of a run that ran as `ran`, changed as `found` is from `reference`; what
+    is positive stays so."""
+
+    def shifted(own: float, value: float, lock_step: float) -> float:
+        changed = own + value - lock_step
+        return max(changed, 0.0) if min(own, value, lock_step) >= 0.0 else changed
+
+    def of_span(span: int) -> Values:
+        own, lock_step = ran[span], reference[span]
+        return {k: shifted(own[k], value, lock_step[k]) for k, value in found[span].items()}
+
+    return of_span(0), of_span(1)
