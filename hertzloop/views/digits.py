@@ -12,8 +12,7 @@ LEGEND = f"{UNKNOWN}: not predictable"
 
 RANGE = "Ranges: contact may begin at any part of a step"
 
-# Units that take prefixes.
-_SI = {"us": "s", "uJ": "J", "mm": "m"} | {unit: unit for unit in ("s", "J", "m", "N", "Pa")}
+_SI = {"us": "s", "uJ": "J", "mm": "m", "N": "N", "Pa": "Pa"}  # units that take prefixes
 _PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M"}
 _PLAIN = 7  # digits before the decimal point that are written without an exponent
 
@@ -73,12 +72,6 @@ def shown_unit(field: MetricField, values: Iterable[float]) -> tuple[float, str]
     power = 3 * math.floor(math.log10(largest * (1.0 + 1e-3)) / 3.0)
     power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
     return 10.0**-power, f"{_PREFIXES[power]}{_SI[field.unit]}"
-
-
-def quantity(value: float, unit: str) -> str:
-    """Return three digits of a value in an SI unit, which gets a prefix that suits it."""
-    factor, with_prefix = shown_unit(MetricField("", unit=unit), [value])
-    return f"{value * factor:.3g} {with_prefix}"
 
 
 def uncertain_text(

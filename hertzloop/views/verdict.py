@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from rich.text import Text
 
+from hertzloop.common.readable import quantity
 from hertzloop.results import verdict as verdicts
 from hertzloop.results.law_accuracy import LawAccuracy, SensitiveMetric
 from hertzloop.results.metric_rows import MetricRow, UncertainValue
@@ -11,7 +12,7 @@ from hertzloop.results.rounding import percent
 from hertzloop.results.span_metrics import MUCH_DB
 from hertzloop.results.spans import IN_WORDS, OTHER, Span
 from hertzloop.results.stability import Stability
-from hertzloop.views.digits import change_text, known_digits, quantity, uncertain_text, value_texts
+from hertzloop.views.digits import change_text, known_digits, uncertain_text, value_texts
 from hertzloop.views.effects import OUT_OF_RANGE, out_of_range
 
 UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
