@@ -26,6 +26,7 @@ from hertzloop.loop.simulate import LawStopped, simulate
 from hertzloop.results.impacts import first_impact
 from hertzloop.results.span_metrics import of_impact
 from hertzloop.results.spans import follow
+from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.setup import Setup, load
@@ -276,9 +277,11 @@ def _chosen(rng: random.Random, values: Values, probability: float = 1.0) -> Key
 def resolved(scene: str, keys: Mapping[str, Any]) -> Setup | None:
     """The setup of a draw; None where these keys do not go together."""
     try:
-        return load(scene).vary(keys)
+        setup = load(scene).vary(keys)
+        build_controller(setup, ahead=True, steps=1)
     except (SceneError, ValueError):
         return None
+    return setup
 
 
 def difference(setup: Setup) -> str:
