@@ -3,7 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
@@ -27,7 +27,6 @@ from hertzloop.plant.state_kernels import (
 )
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.structures.radiation import air_loss_factor
 from hertzloop.plant.structures.structure import Structure, compared_as, oscillators
 
 
@@ -42,7 +41,6 @@ class Balance:
     modal_j: float
     contact_j: float
     modal_dissipated_j: float
-    air_dissipated_j: float
     contact_dissipated_j: float
     injected_j: float
     plastic_dissipated_j: float
@@ -76,9 +74,7 @@ def balance(
     energy = m * g * x0 + 0.5 * m * v0 * v0
     kinetic = 0.5 * m * speed_m_s * speed_m_s
     gravity = m * g * float(state.body[XI_S])
-    lost_modal, lost_contact, injected, impulse, yielded, air, lost_truncated = (
-        state.balance.tolist()
-    )
+    lost_modal, lost_contact, injected, impulse, yielded, lost_truncated = state.balance.tolist()
     gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact + yielded
     gap = gap + lost_truncated - injected - energy
     change = m * (speed_m_s - v0)
@@ -89,8 +85,7 @@ def balance(
         gravity_j=gravity,
         modal_j=modal_j,
         contact_j=contact_j,
-        modal_dissipated_j=lost_modal - air,
-        air_dissipated_j=air,
+        modal_dissipated_j=lost_modal,
         contact_dissipated_j=lost_contact,
         injected_j=injected,
         plastic_dissipated_j=yielded,
@@ -129,7 +124,6 @@ class PlantSpec:
     damped_residual: bool = False  # that as a damped mode in place of the spring
     infinite_plate: bool = False  # no modes: a dashpot, until reflections return
     actuator: Actuator = IDEAL
-    radiating_faces: int = 0  # of a plate whose modes are damped by air
     sensor_point_m: tuple[float, float] | None = None  # None: at the contact
     truncation_asked: bool = False  # for what stands for the modes left out, however few there are
 
@@ -194,39 +188,17 @@ NO_IMPEDANCE = (
 MOST_MODES = 500_000
 # What stands for the modes where there are none, or too many to compute.
 NO_MODES = Oscillators(np.zeros(0), np.zeros(0), np.zeros(0), 0, 0.0, 1.0)
-_MOST_ETA = 1.9  # a mode is critically damped at 2
 
 
 @lru_cache(maxsize=8)
 def modes_of(spec: PlantSpec) -> Oscillators:
-    """Oscillators of a description: of its structure with the actuator's mass on it, in air. Kept:
-    the plant has them, and the metrics of its runs. `NO_MODES` for an infinite plate with too many.
+    """Oscillators of a description: of its structure with the actuator's mass on it. Kept: the
+    plant has them, and the metrics of its runs. `NO_MODES` for an infinite plate with too many.
 
-    Raises ValueError for a mass on modes with loss factors of their own, or on a rigid body's,
-    where air would damp a mode critically, and where the structure's radiation is not known.
+    Raises ValueError for a mass on modes with loss factors of their own, or on a rigid body's.
     """
     if spec.infinite_plate and spec.plate.modes_below(spec.frequency_limit_hz) > MOST_MODES:
         return NO_MODES
-    modes = _in_vacuum(spec)
-    if not spec.radiating_faces:
-        return modes
-    eta = np.asarray(modes.eta + air_eta(spec, modes.omega))
-    if not np.max(eta) < _MOST_ETA:
-        raise ValueError(
-            f"plate.radiation would give a mode a loss factor of {np.max(eta):.3g}, the limit is "
-            f"{_MOST_ETA:g}. Use a thicker plate, or remove the key."
-        )
-    return replace(modes, eta=eta)
-
-
-def air_eta(spec: PlantSpec, omega: np.ndarray) -> np.ndarray:
-    """Loss factor that radiation adds to modes of these frequencies (rad/s), same shape."""
-    if not spec.radiating_faces:
-        return np.zeros_like(omega)
-    return air_loss_factor(spec.simply_supported, omega / (2.0 * np.pi), spec.radiating_faces)
-
-
-def _in_vacuum(spec: PlantSpec) -> Oscillators:
     omega_max = 2.0 * math.pi * spec.frequency_limit_hz
     at_actuator, mass_kg = spec.actuator_point_m, spec.actuator.mass_kg
     modes = oscillators(

@@ -24,10 +24,9 @@ F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, REACHED, CURVE, DENT, RESIDUAL_RE, RES
 V_S, A_S = range(21, 23)
 BODY_SIZE = 23
 # Indices into a state's balance (J, N s).
-# AIR: the part of MODAL_DISSIPATED that is radiated.
-MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPATED, AIR = range(6)
-TRUNCATED_DISSIPATED = 6
-BALANCE_SIZE = 7
+MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPATED = range(5)
+TRUNCATED_DISSIPATED = 5
+BALANCE_SIZE = 6
 # Indices into a state's counts.
 # AWAKE: number of modes, from the lowest on, that have not died away. WITHDRAWN: whether a hand has
 # taken back the striker.

@@ -23,7 +23,7 @@ from hertzloop.scene.setup import Resolvable, Setup, load, resolve
 
 _AHEAD = 20  # samples before the first touch
 _AFTER = 20  # samples after the sphere has left
-_TAKEN = ("modal_j", "modal_dissipated_j", "air_dissipated_j", "truncated_dissipated_j")
+_TAKEN = ("modal_j", "modal_dissipated_j", "truncated_dissipated_j")
 _INVALID = -1.0  # reward of an action that is no number, as if the plate had taken all energy
 
 

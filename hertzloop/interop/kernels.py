@@ -13,7 +13,6 @@ from hertzloop.common.jit.by_type import by_module
 from hertzloop.loop import kernels as loop_kernels
 from hertzloop.plant import state_kernels
 from hertzloop.plant.state_kernels import (
-    AIR,
     CONTACT_DISSIPATED,
     FLIGHT_V,
     FLIGHT_X,
@@ -26,9 +25,9 @@ from hertzloop.plant.state_kernels import (
 )
 
 # Indices into a unit's energies (J); RESIDUAL: relative, see plant.balance.balance.
-KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, AIR_LOST, TAIL_LOST = range(8)
-CONTACT_LOST, PLASTIC_LOST, RESIDUAL = range(8, 11)
-ENERGIES = 11
+KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, TAIL_LOST = range(7)
+CONTACT_LOST, PLASTIC_LOST, RESIDUAL = range(7, 10)
+ENERGIES = 10
 
 
 class Unit(NamedTuple):
@@ -81,8 +80,7 @@ def balance(unit):
     energies[GRAVITY] = mass * gravity * state.body[XI_S]
     energies[CONTACT] = _stored(model, state)
     energies[INJECTED] = balance[state_kernels.INJECTED]
-    energies[MODAL_LOST] = balance[MODAL_DISSIPATED] - balance[AIR]
-    energies[AIR_LOST] = balance[AIR]
+    energies[MODAL_LOST] = balance[MODAL_DISSIPATED]
     energies[TAIL_LOST] = balance[TRUNCATED_DISSIPATED]
     energies[CONTACT_LOST] = balance[CONTACT_DISSIPATED]
     energies[PLASTIC_LOST] = balance[PLASTIC_DISSIPATED]

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hertzloop.plant.numerics import RIGID_RAD_S, phi
-from hertzloop.plant.plant import PlantSpec, air_eta
+from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.plant.structures.modes import Modes
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P, XI_A
@@ -92,7 +92,7 @@ def _separable_modes(spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray) -> Plate
     omega = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2) * wave_number
     modes = Modes(
         omega,
-        plate.eta + air_eta(spec, omega),
+        np.full_like(omega, plate.eta),
         plate.modal_scale_per_kg,
         plate.mode_shape(mm, nn, points[0]),
         plate.mode_shape(mm, nn, points[1]),

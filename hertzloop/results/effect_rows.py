@@ -290,11 +290,10 @@ ROWS = (
         lambda f, x: (
             "how much air damps the modes is computed for thin plates only" if math.isnan(x) else
             f"air damps the modes above coincidence {x:.2g} times as much as the plate itself "
-            "does: waves that return after milliseconds are weaker than computed; plate.radiation "
-            "models it"
+            "does: waves that return after milliseconds are weaker than computed; "
+            "plate.loss_factor can hold that of the air as well"
         ),
-        "air damping is {x:.2g} times plate damping", "plate.radiation",
-        lambda f: "plate.radiation" if f.spec.radiating_faces else "",
+        "air damping is {x:.2g} times plate damping", "plate.loss_factor",
     ),
     EffectRow(
         "squeezed air film", "6 pi mu R^2 ln(R/1e-7 m) v/(m v^2/2)", 1e-3, 0.1,

@@ -96,7 +96,7 @@ def radiator_of(setup: Setup) -> Radiator:
     xx, yy = np.meshgrid(x, y, indexing="ij")
     return Radiator(
         omega=modes.omega[moved],
-        eta=(modes.eta + radiation_loss(structure, modes.omega, spec.radiating_faces or 1))[moved],
+        eta=(modes.eta + radiation_loss(structure, modes.omega))[moved],
         scale_per_kg=modes.scale_per_kg,
         at_contact=modes.at_contact[moved],
         at_actuator=modes.at_actuator[moved],
@@ -114,13 +114,13 @@ def _too_many(modes: float, limit_hz: float) -> SceneError:
     )
 
 
-def radiation_loss(structure: Structure, omega: np.ndarray, faces: int = 1) -> np.ndarray:
+def radiation_loss(structure: Structure, omega: np.ndarray) -> np.ndarray:
     """Loss factors by what modes radiate, (modes,): a plate that rings on as in a vacuum radiates
     more than it was given. Zero for what is no simply supported plate, whose efficiencies are not
     known."""
     if structure.separable is None:
         return np.zeros(len(omega))
-    return air_loss_factor(structure.separable, omega / (2.0 * math.pi), faces)
+    return air_loss_factor(structure.separable, omega / (2.0 * math.pi))
 
 
 def _of_file(table: ModeTable, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

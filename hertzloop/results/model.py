@@ -86,27 +86,17 @@ class Yield:
 
 
 @dataclass(frozen=True)
-class Radiation:
-    """Number of radiating faces of the plate, and the energy that they radiated, J."""
-
-    faces: int
-    dissipated_j: float
-
-
-@dataclass(frozen=True)
 class PlantParts:
     """The models that a run used for its plant.
 
     Attributes:
         truncated_modes: the damped mode for the truncated modes; None if there is none.
         limiting_pressure: as in the function `limiting_pressure`.
-        radiation: the radiated energy; None if the model has no radiation.
         model: the model of the plate; None for the published scheme.
     """
 
     truncated_modes: TruncatedModes | None
     limiting_pressure: dict[str, Any] | None
-    radiation: Radiation | None
     model: PlateModel | None
 
 
@@ -187,13 +177,11 @@ def parts_of(setup: Setup, balance: EnergyBalance) -> PlantParts:
     away = None
     if setup.plant.damped_residual:
         away = wavelengths_to_edge(setup.mechanics, setup.plant.frequency_limit_hz)
-    faces = setup.mechanics.radiating_faces
     return PlantParts(
         truncated_modes=None
         if away is None
         else TruncatedModes(balance.truncated_dissipated_j, away, NEAREST),
         limiting_pressure=limiting_pressure(setup),
-        radiation=Radiation(faces, balance.air_dissipated_j) if faces else None,
         model=chosen_model(setup),
     )
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from hertzloop.plant.plant import air_eta
 from hertzloop.plant.schemes.collocation import residual_m_n
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.plant.structures.structure import oscillators
@@ -33,7 +32,7 @@ def modes_of_scene(setup: Setup) -> ModeTable:
         raise SceneError(str(error)) from error
     return ModeTable(
         modes.omega,
-        modes.eta + air_eta(spec, modes.omega),
+        np.full(len(modes.omega), modes.eta),
         np.full(len(modes.omega), modes.scale_per_kg),
         modes.contact,
         modes.actuator,

@@ -46,7 +46,6 @@ class Mechanics:
     contact_point_m: Point
     actuator_point_m: Point
     sensor_point_m: Point | None
-    radiating_faces: int
     weaker: tuple[str, YieldPressure] | None
     rigid: RigidImpact = field(compare=False)
     """the same impact on a rigid plate"""
@@ -134,7 +133,6 @@ def _resolved(tables: PlantTables, accuracy: float, make: Any) -> Mechanics:
         contact_point_m=contact_point,
         actuator_point_m=actuator_point,
         sensor_point_m=struck.sensor_at(contact_point, actuator_point, tables.sensor_point_m),
-        radiating_faces=plate.radiating_faces,
         weaker=weaker,
         rigid=rigid,
     )

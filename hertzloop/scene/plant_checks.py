@@ -152,11 +152,6 @@ def _beyond_simply_supported(scene: PlantTables, run: RunTable) -> list[str]:
         key, words = "plate.edges", f"plate.edges = '{plate.edges}'"
     else:
         return []
-    if plate.radiating_faces:
-        found.append(
-            f"{words}: plate.radiation = '{plate.radiation}' supports a simply supported plate "
-            "only. Remove one of the two."
-        )
     if not SCHEMES[run.scheme].supports_edges:
         found.append(
             f"{words}: run.scheme = '{run.scheme}' supports a simply supported plate only. "
@@ -263,8 +258,6 @@ def _scheme_problems(scene: PlantTables, run: RunTable) -> list[str]:
         if key not in _BESIDE_DYNAMICS and value != field.default:
             found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
     found += _truncation_problems(scene, run) + _sensor_problems(scene, run)
-    if scene.plate.radiating_faces:
-        found += needs("supports_radiation", f"plate.radiation = '{scene.plate.radiation}'")
     point = scene.plate.actuator_point_m
     found += _beyond_simply_supported(scene, run)
     apart = point is not None and point != scene.plate.contact_point_m

@@ -56,7 +56,6 @@ def describe_plant(
         residual_flexibility=SCHEMES[scheme].supports_truncated_modes,
         damped_residual=damped,
         actuator=mechanics.actuator,
-        radiating_faces=mechanics.radiating_faces,
         sensor_point_m=mechanics.sensor_point_m,
         truncation_asked=mechanics.structure.mode_table is not None and truncated != "auto",
     )

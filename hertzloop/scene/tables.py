@@ -153,8 +153,6 @@ class PlateTable(SceneTable):
     """The plate, the contact point and the actuator point (default: the contact point).
 
     `edges`: c, f or s, clamped, free or simply supported, at x = 0, x = l_x, y = 0, y = l_y.
-    `radiation`: how many faces radiate, each into a half space and as if in a baffle; air then
-    damps the modes.
     `modes`: a file of modes that replaces the plate. It defines the structure, so that `size_m` and
     `edges` have no effect and `contact_point_m` serves the picture only. `thickness_m` is that of
     the plate at the contact point, if it is one; `residual_flexibility_m_n` is that of all modes
@@ -181,8 +179,6 @@ class PlateTable(SceneTable):
     edges: str | None = None
     """edge conditions at x = 0, x = l_x, y = 0, y = l_y: c clamped, s simply supported, f free;
     default: ssss"""
-    radiation: Literal["none", "one_face", "two_faces"] | None = None
-    """faces that radiate into air; default: none"""
     modes: ModesTable | None = None
     """file of modes that replaces the plate (CSV, Parquet, NPZ)"""
     residual_flexibility_m_n: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
@@ -203,11 +199,6 @@ class PlateTable(SceneTable):
                 "each, as in 'cccc'"
             )
         return value
-
-    @property
-    def radiating_faces(self) -> int:
-        """How many faces lose energy to air."""
-        return {"one_face": 1, "two_faces": 2}.get(self.radiation or "none", 0)
 
     @property
     def points_m(self) -> tuple[Point, Point]:

@@ -36,7 +36,6 @@ def run_table(report: RunReport) -> Table:
         ("actuator demand", demand and demand_words(demand)),
         ("limiting pressure", limit and pressure_words(limit)),
         ("yield", assessed.yielded and yield_words(assessed.yielded)),
-        ("radiation", parts.radiation and radiation_words(parts.radiation)),
         ("mean latency", mean_latency_words(setup)),
         ("exchanges", _exchanges(report)),
         ("time by role", _time_by_role(report)),
@@ -132,12 +131,6 @@ def pressure_words(limit: dict[str, Any]) -> str:
         f"{words}: {by['factor']:g} times the {by['measure']} of the {by['body']}, "
         f"{by['value_pa'] * 1e-9:.3g} GPa, known to {100 * by['spread']:z.0f} %"
     )
-
-
-def radiation_words(found: model.Radiation) -> str:
-    """Describe the energy that the plate radiated."""
-    faces = "one face" if found.faces == 1 else "two faces"
-    return f"{found.dissipated_j * 1e6:.4g} uJ radiated into air from {faces} during the run"
 
 
 def demand_words(asked: ActuatorDemand) -> str:

@@ -62,11 +62,11 @@ def revival_s(plate: Plate, side_m: float) -> float:
 
 
 @lru_cache(maxsize=16)
-def air_loss_factor(plate: Plate, faces: int = 1) -> float:
-    """Loss factor n rho0 c/(omega m'') of modes that radiate as strongly as a piston, at 1.3 times
-    the critical frequency, above which that is so (Cremer, Heckl and Petersson 2005)."""
+def air_loss_factor(plate: Plate) -> float:
+    """Loss factor rho0 c/(omega m''), one face, of modes that radiate as strongly as a piston, at
+    1.3 times the critical frequency, above which that is so (Cremer, Heckl and Petersson 2005)."""
     piston = np.array([1.3 * critical_frequency_hz(plate)])
-    return float(radiation.air_loss_factor(plate, piston, faces, lambda _, f: np.ones_like(f))[0])
+    return float(radiation.air_loss_factor(plate, piston, lambda _, f: np.ones_like(f))[0])
 
 
 def squeezed_film(sphere: Sphere) -> float:

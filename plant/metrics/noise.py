@@ -340,17 +340,15 @@ def impact_noise(spec: PlantSpec, modes: Oscillators, given: NoiseInputs) -> Imp
         transmitted_j=given.work_j,
         transmitted_spectrum_j=float(shares_j.sum()) if modes.modes else math.nan,
         plate_speed_max_m_s=given.plate_speed_max_m_s,
-        **_radiated_j(spec.plate.simply_supported, modes, shares_j, spec.radiating_faces or 1),
+        **_radiated_j(spec.plate.simply_supported, modes, shares_j),
     )
 
 
-def _radiated_j(
-    plate: Plate | None, modes: Oscillators, shares_j: np.ndarray, faces: int
-) -> dict[str, float]:
+def _radiated_j(plate: Plate | None, modes: Oscillators, shares_j: np.ndarray) -> dict[str, float]:
     """The study's sums of sigma E, and what the modes radiate of their energies E, by fields."""
     if plate is None or not modes.modes:
         return dict.fromkeys(_RADIATED, math.nan)
-    weights = _weights(plate, modes, faces)
+    weights = _weights(plate, modes)
     sums = (shares_j[: weights.shape[1]] * weights).sum(axis=1)
     return dict(zip(_RADIATED, sums.tolist(), strict=True))
 
@@ -359,7 +357,7 @@ _RADIATED = [f"{kind}{name}_j" for kind in ("radiated", "sound") for name in _EF
 
 
 @lru_cache(maxsize=16)
-def _weights(plate: Plate, modes: Oscillators, faces: int) -> np.ndarray:
+def _weights(plate: Plate, modes: Oscillators) -> np.ndarray:
     """What of the energies of the oscillators up to 20 kHz counts, for all impacts on a plate: a
     row for each of `_RADIATED`."""
     frequency = modes.omega / (2.0 * np.pi)
@@ -367,7 +365,7 @@ def _weights(plate: Plate, modes: Oscillators, faces: int) -> np.ndarray:
     weights = [by(plate, frequency)[:count] for by in _EFFICIENCIES.values()]
     for known in weights[:]:
         # pyrefly: ignore[bad-argument-type]
-        air_eta = air_loss_factor(plate, frequency[:count], faces, lambda *_, known=known: known)
+        air_eta = air_loss_factor(plate, frequency[:count], lambda *_, known=known: known)
         weights.append(radiated_parts(plate.eta, air_eta))
     return np.array(weights)
 
@@ -422,7 +420,7 @@ def published_noise(
     shares = modal_shares_j(modes, -contact.elastic_n, contact.f_a, step_s)
     length = fft_length(len(force))
     real, efficiencies = _audible(plate, point_m, float(np.pi / step_s), length, step_s)
-    sounds = _radiated_j(plate, modes, shares, 1)
+    sounds = _radiated_j(plate, modes, shares)
     radiated, maidanik = binned_energies_j(force, step_s, real, efficiencies)
     return ImpactNoise(
         **closed_forms(sphere, time_s, contact.impact_speed_m_s, rebound),

@@ -12,7 +12,7 @@ from hertzloop.plant.contact.residual_mode_kernels import ResidualMode
 from hertzloop.plant.contact.yielding import yielding
 from hertzloop.plant.numerics import damped_frequency, phi
 from hertzloop.plant.one_thread import gauss, on_one_thread
-from hertzloop.plant.plant import Plant, PlantSpec, air_eta, common_fields
+from hertzloop.plant.plant import Plant, PlantSpec, common_fields
 from hertzloop.plant.schemes import collocation_kernels
 from hertzloop.plant.state_kernels import AWAKE, BALANCE_SIZE, COUNTS_SIZE, CURVE, DEEPEST
 from hertzloop.plant.structures.modes import Oscillators
@@ -212,11 +212,11 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> collocation_kernels.Coll
         / (2.0 * scale * (b_c * b_c if same else np.ones_like(b_c))),
     }
     damped = bool(np.any(np.asarray(modes.eta) > 0.0))
-    lost: tuple[dict[int, np.ndarray], dict[int, np.ndarray]] = ({}, {})
     if damped:
-        lost = _losses(s, rho, h, scale, columns[collocation_kernels.ENERGY], drive_c, drive_a)
-        columns |= lost[0]
-        for index, value in lost[1].items():
+        energy = columns[collocation_kernels.ENERGY]
+        lost, sums = _losses(s, rho, h, scale, energy, drive_c, drive_a)
+        columns |= lost
+        for index, value in sums.items():
             gains[index] = np.sum(value)
     table = aligned(
         np.stack([columns.get(i, np.zeros_like(theta)) for i in range(collocation_kernels.COLUMNS)])
@@ -230,7 +230,6 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> collocation_kernels.Coll
         slow=slow,
         actuator=actuator.build_model(spec.actuator, h),
         residual_mode=residual_mode,
-        air=_air(spec, modes, gains, table, *lost),
         probe=_probe(modes, same, rho, drive_c, drive_a, constant, linear),
         gains=gains,
         table=table,
@@ -272,27 +271,6 @@ def _probe(
     )
 
 
-def _air(
-    spec: PlantSpec,
-    modes: Oscillators,
-    gains: np.ndarray,
-    table: np.ndarray,
-    columns: dict[int, np.ndarray],
-    sums: dict[int, np.ndarray],
-) -> collocation_kernels.Air | None:
-    """The share of the losses that goes into air, None where no face radiates."""
-    if not spec.radiating_faces:
-        return None
-    share = air_eta(spec, modes.omega) / modes.eta
-    gains, table = gains.copy(), table.copy()
-    for index, column in columns.items():
-        table[index] = share * column
-    table[collocation_kernels.ENERGY] *= share
-    for index, value in sums.items():
-        gains[index] = np.sum(share * value)
-    return collocation_kernels.Air(gains, table)
-
-
 def with_contact(
     model: collocation_kernels.CollocationModel, spec: PlantSpec
 ) -> collocation_kernels.CollocationModel:
@@ -300,12 +278,7 @@ def with_contact(
 
     The result has the same bits as `build_model`, in a fraction of the time: the columns of the
     modes are shared.
-
-    Raises:
-        ValueError: the structure radiates, so that its table of losses has gains of its own.
     """
-    if model.air is not None:
-        raise ValueError("a structure that radiates needs a new model for another sphere")
     gains = model.gains.copy()
     elastic.add_sphere(gains, spec.step_s, spec.sphere.mass_kg)
     return model._replace(gains=gains, **_of_contact(spec))

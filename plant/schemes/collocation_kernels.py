@@ -38,7 +38,6 @@ from hertzloop.plant.contact import yielding_kernels as yielding
 from hertzloop.plant.state_kernels import (
     A_P,
     A_S,
-    AIR,
     AWAKE,
     AWAY_M,
     F_A,
@@ -113,7 +112,6 @@ class CollocationModel(NamedTuple):
     law: Any  # of the contact, hertzloop.plant.contact.yielding_kernels; as the actuator's
     actuator: Any  # of hertzloop.plant.actuator_kernels; its type decides what is compiled
     residual_mode: Any  # of hertzloop.plant.contact.residual_mode_kernels, the same
-    air: Any  # Air, or None where no face radiates
     power: Any  # of the contact, hertzloop.plant.contact.elastic_kernels, the same
     hand: Any  # of hertzloop.plant.state_kernels, the same
     probe: Any  # Probe, or None of a sensor at the contact
@@ -132,13 +130,6 @@ def _compiled_of_mode(rho, i):
     if isinstance(rho, types.Array):
         return lambda rho, i: rho[i]
     return lambda rho, i: rho
-
-
-class Air(NamedTuple):
-    """What the modes lose to air: the same table and gains, of that part of their losses."""
-
-    gains: np.ndarray
-    table: np.ndarray
 
 
 class Probe(NamedTuple):
@@ -348,21 +339,6 @@ def _dissipated_in_flight(model, state, table, steps):
     return lost
 
 
-@kernel
-def _radiated(air, model, state, f0, f1, f_a):
-    return _dissipated_in_step(model, state, air.gains, air.table, f0, f1, f_a)
-
-
-@kernel
-def _radiated_in_flight(air, model, state, steps):
-    return _dissipated_in_flight(model, state, air.table, steps)
-
-
-# The parts of both that go into air, known to be none when a caller is compiled.
-_to_air_in_step = by_type({type(None): zero, Air: _radiated})
-_to_air_in_flight = by_type({type(None): zero, Air: _radiated_in_flight})
-
-
 @kernel(inline=True)
 def forces_on_plate(model, state):
     """Forces of the last step, up on the plate: F_0, F_1 at the contact, a separate actuator."""
@@ -387,7 +363,6 @@ def unforced(model, state, f0, f1, f_a):
 def _book_flight(model, state, steps):
     """Book what the modes lost in `steps` steps without force since the snapshot."""
     state.balance[MODAL_DISSIPATED] += _dissipated_in_flight(model, state, model.table, steps)
-    state.balance[AIR] += _to_air_in_flight(model.air, model, state, steps)
 
 
 @kernel(inline=True)
@@ -408,7 +383,6 @@ def settle_balance(model, state):
     state.balance[MODAL_DISSIPATED] += _dissipated_in_step(
         model, state, model.gains, model.table, f0, f1, f_a
     )
-    state.balance[AIR] += _to_air_in_step(model.air, model, state, f0, f1, f_a)
     if quiet:
         for i in range(state.z.shape[1]):
             state.free[0, i] = state.z[0, i]

@@ -42,7 +42,6 @@ class Scheme:
     supports_touch_phase: bool = True  # a touch between two samples
     supports_truncated_modes: bool = False  # the modes left out as a spring, or as one damped mode
     supports_yield: bool = False  # a contact that yields
-    supports_radiation: bool = False  # modes that are damped by air
     supports_actuator_dynamics: bool = False  # bandwidth, mass and limit of the actuator
     supports_hammer: bool = False  # a striker without weight, which a hand withdraws
     supports_exponent: bool = False  # contact forces other than Hertz's
@@ -76,7 +75,6 @@ SCHEMES = {
         f"{_AT}.collocation:CollocationPlant", infinite_plate=f"{_AT}.infinite:InfinitePlant",
         records_slope=True, has_linear_model=True,
         supports_truncated_modes=True, supports_yield=True,
-        supports_radiation=True,
         supports_actuator_dynamics=True, supports_hammer=True, supports_exponent=True,
         supports_sensor_elsewhere=True, supports_export=True,
     ),

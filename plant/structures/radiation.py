@@ -93,11 +93,11 @@ def efficiency_wallace(plate: Plate, m: int, n: int, frequency_hz: float, nodes:
 
 
 def air_loss_factor(
-    plate: Plate, frequency_hz: np.ndarray, faces: int = 1, by: Efficiency = efficiency
+    plate: Plate, frequency_hz: np.ndarray, by: Efficiency = efficiency
 ) -> np.ndarray:
-    """eta_rad = n rho0 c sigma/(w m''), n = 1 or 2 faces: what air adds to a mode's loss factor."""
+    """eta_rad = rho0 c sigma/(w m''): what air on one face adds to a mode's loss factor."""
     omega = 2.0 * math.pi * np.asarray(frequency_hz, dtype=float)
-    moved = faces * AIR_DENSITY_KG_M3 * SOUND_SPEED_M_S * by(plate, frequency_hz)
+    moved = AIR_DENSITY_KG_M3 * SOUND_SPEED_M_S * by(plate, frequency_hz)
     return np.asarray(moved / (omega * plate.mass_per_area_kg_m2))
 
 

@@ -87,8 +87,6 @@ def test_a_scene_runs_by_it_as_the_charts_do(tmp_path):
         found = verify(free, rows)
         assert found is not None
         assert found.penetration < 0.1
-        with pytest.raises(SceneError, match=r"not supported by run\.scheme = 'discrete_gradient'"):
-            load("aluminium-3mm", [*keys, "plate.radiation=one_face"])
 
 
 def test_a_scene_does_not_know_it_otherwise():

@@ -15,7 +15,6 @@ KINDS = {
     "ideal": [],
     "actuator": ["plate.edges=cccc", "actuator.bandwidth_hz=5e4", "actuator.mass_kg=0.002"],
     "spring": ["plate.tail=spring"],
-    "air": ["plate.radiation=one_face"],
     "yields": ["contact.plasticity=thornton"],
     "infinite": ["run.plate_model=infinite"],
     "scheme": ["run.scheme=thesis2008"],

@@ -112,13 +112,6 @@ PARTS: dict[str, dict[str, Any]] = {
     "yields": {"contact": YIELDS},
     "yields, viscous, full actuator": {"contact": YIELDS_VISCOUS, "actuator": ALL_OF_IT},
     "yields, hunt_crossley": {"contact": YIELDS_HUNT_CROSSLEY},
-    "air": {"radiating_faces": 1, "residual_flexibility": True},
-    "air on two faces, all parts": {
-        "radiating_faces": 2,
-        "residual_flexibility": True,
-        "contact": YIELDS_HUNT_CROSSLEY,
-        "actuator": ALL_OF_IT,
-    },
     "damped mode": TAIL,
     "damped mode, hunt_crossley": TAIL | {"contact": HUNT_CROSSLEY},
     "damped mode, viscous": TAIL | {"contact": VISCOUS},
@@ -150,7 +143,6 @@ def test_the_balance_closes_at_any_step_under_random_pushes(name, step_us):
         assert balance.modal_dissipated_j > 0.0
         assert (balance.contact_dissipated_j > 0.0) == had.contact.has_damper
         assert (balance.plastic_dissipated_j > 0.0) == (had.contact.limit is not None)
-        assert (balance.air_dissipated_j > 0.0) == (had.radiating_faces > 0)
         assert (balance.truncated_dissipated_j > 0.0) == had.damped_residual
 
 

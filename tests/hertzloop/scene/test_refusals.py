@@ -64,10 +64,6 @@ REFUSED = {
         "plate.theory=3d": "plate.theory = '3d': must be",
         "plate.tail=damped actuator.mass_kg=1e-3": "plate.tail = 'damped': not supported with",
         "plate.tail=damped run.scheme=thesis2008": "plate.tail = 'damped': not supported by",
-        "plate.radiation=one_face run.plate_model=infinite": "plate.radiation = 'one_face': not "
-        "supported by run.plate_model = 'infinite'. Remove the key, or use run.plate_model = ",
-        "plate.radiation=one_face plate.edges=cccc": "plate.edges = 'cccc': plate.radiation = "
-        "'one_face' supports a simply supported plate only",
         "run.plate_model=modal plate.size_m=[7.6,20.0] plate.thickness_m=0.017 "
         "actuator.mass_kg=0.01": "on about 3.5e+05 modes",
         f"{HUGE} plate.thickness_m=1e-4": "thicker plate",
@@ -117,7 +113,6 @@ REFUSED = {
         "run.plate_model=infinite contact.damping=none": "Use the scheme 'modal'",
     },
     "thesis-aluminium": {
-        "plate.radiation=one_face": "run.scheme",
         "contact.viscous_n_s_m=1e9": "contact.viscous_n_s_m",
     },
 }  # fmt: skip

@@ -45,7 +45,6 @@ def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(tmp_path, name, s
     [
         [],
         ["plate.edges=ffff", "plate.actuator_point_m=[0.3, 0.2]"],
-        ["plate.radiation=one_face"],
     ],
     ids=lambda settings: " ".join(settings) or "plain",
 )

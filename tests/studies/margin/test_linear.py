@@ -31,7 +31,6 @@ BESIDE = [
 ]
 # A kind of plant that no other test of the default tier compiles.
 ALONE = [
-    ("aluminium-20mm", ["plate.radiation=two_faces"]),
     ("aluminium-20mm", ["plate.tail=spring", *ACTUATOR]),
 ]
 # Scene, and settings beside velocity feedback.

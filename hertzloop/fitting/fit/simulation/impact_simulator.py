@@ -242,7 +242,7 @@ class ImpactSimulator:
             spec.sensor_point_m,
         )
         base = self._plants.get(key)
-        if base is None or base.model.air is not None:
+        if base is None:
             try:
                 base = plant_at_start(spec, "modal", 1, PHASE)
             except ValueError as error:
@@ -252,8 +252,7 @@ class ImpactSimulator:
             self._plants[key] = base
         new = copy(base)
         new.spec = spec
-        if new.model.air is None:
-            new.model = with_contact(base.model, spec)
+        new.model = with_contact(base.model, spec)
         if spec.actuator != base.spec.actuator:
             new.model = new.model._replace(actuator=build_model(spec.actuator, spec.step_s))
         return new.at_start(phase)
