@@ -80,7 +80,7 @@ MAIN = (
     CommandEntry(
         "report",
         "hertzloop.cli.recordings:report",
-        "Write an HTML report on a recording, a sweep or a tuning.",
+        "Write an HTML report on a recording.",
         "report aluminium-20mm.mcap --out-dir pages",
     ),
 )

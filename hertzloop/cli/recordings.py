@@ -1,6 +1,5 @@
 """Commands on recordings: inspect, compare, replay, repair, report."""
 
-import os
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -304,8 +303,8 @@ def report(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="F.mcap|RESULTS",
-            help="Recording, results of a sweep or of tune, or a folder with them.",
+            metavar="F.mcap",
+            help="Recording.",
         ),
     ],
     folder: Annotated[
@@ -319,43 +318,22 @@ def report(
     ] = Path(),
     overwrite: options.OverwriteOption = False,
 ) -> None:
-    """Write an HTML report on a recording, a sweep or a tuning.
+    """Write an HTML report on a recording.
 
-    The page needs no other file. For a run it has metrics, charts, an animation of the plate,
-    sound, the scene, and how to run it again. For a sweep or a tuning it has charts, tables of
-    cases and the scene.
+    The page needs no other file. It has metrics, charts, an animation of the plate, sound, the
+    scene, and how to run it again.
     """
     need("matplotlib", "jinja2")
-    if source.suffix in (".parquet", ".csv", ".json", ".partial") or os.path.isdir(source):
-        from hertzloop.studies.report.results import page_of_results, results_in
-
-        try:
-            results = results_in(source)
-            text = page_of_results(results).html()
-        except ValueError as error:
-            fail(str(error))
-        _write(_page(results, folder, overwrite), text)
-        return
     from hertzloop.studies.report.page import page_of
 
     recording = read(source, keep=True)
-    page = _page(source, folder, overwrite)
-    say_problems(recording)
-    try:
-        _write(page, page_of(recording))
-    except (RecordingError, SceneError) as error:
-        fail(str(error), 1)
-
-
-def _page(source: Path, folder: Path, overwrite: bool) -> Path:
-    """Return the file of a page; end the command if it cannot be written."""
     outputs.make_folder(folder)
     page = folder / f"{source.stem}.html"
     outputs.check_output(page, overwrite, "--out-dir", [source])
-    return page
-
-
-def _write(page: Path, text: str) -> None:
-    """Write a page, and print its name and size."""
+    say_problems(recording)
+    try:
+        text = page_of(recording)
+    except (RecordingError, SceneError) as error:
+        fail(str(error), 1)
     atomic_write(page, text)
     out.say(f"written: {page} ({len(text.encode()) / 1e6:z.1f} MB)")

@@ -12,6 +12,7 @@ from hertzloop.cli.sweep_results import (
     SweepArguments,
     SweepStudy,
     count_without_metrics,
+    draw_results,
     print_results,
 )
 from hertzloop.cli.terminal import err, fail, out, progress
@@ -66,6 +67,14 @@ OutOption = Annotated[
     typer.Option("--out", "-o", help="Write the results to this .parquet or .csv file."),
 ]
 
+PictureOption = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="F.png",
+        help="Draw the metrics: a map over two keys of numbers, else over each key.",
+    ),
+]
+
 
 def sweep(
     over: OverOption = None,
@@ -78,6 +87,7 @@ def sweep(
     dask: DaskOption = None,
     scene: options.SceneArgument = DEFAULT,
     out_file: OutOption = None,
+    picture: PictureOption = None,
     seed: options.SeedOption = None,
     settings: options.SetOption = None,
     overwrite: options.OverwriteOption = False,
@@ -88,7 +98,9 @@ def sweep(
     The results have a row for every case. A killed sweep goes on with the same command.
     """
     request = SweepRequest(over or (), design, cases, span, workers, phases, uncertain, dask)
-    arguments = SweepArguments(request, scene, settings or [], seed, out_file, overwrite, json_file)
+    arguments = SweepArguments(
+        request, scene, settings or [], seed, out_file, picture, overwrite, json_file
+    )
     study = _checked(arguments)
     if study.finished is None:
         prepare.compile_first(study.plan.setup, works=CASES)
@@ -97,6 +109,8 @@ def sweep(
         results = study.finished
         err.say(f"{study.results_file} has the results of this sweep. --overwrite runs it again.")
     data = print_results(study, results)
+    if picture is not None:
+        draw_results(picture, study, results)
     outputs.write_json(json_file, data)
     without_metrics = count_without_metrics(results) == study.total
     if without_metrics:
@@ -113,6 +127,8 @@ def _checked(arguments: SweepArguments) -> SweepStudy:
     target = arguments.out_file or Path(f"{setup.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
         fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.")
+    if arguments.picture is not None:
+        outputs.check_picture(arguments.picture)
     if request.dask is not None:
         _check_scheduler(request.dask)
     plan = plan_sweep(setup, request)
@@ -127,10 +143,12 @@ def _checked(arguments: SweepArguments) -> SweepStudy:
         overwrite or finished is not None,
         read=outputs.files_of(setup, arguments.scene, *settings),
     )
+    if arguments.picture is not None:
+        outputs.check_output(arguments.picture, overwrite or finished is not None, "--picture")
     outputs.check_writable(target.parent)  # for the journal, even if a file may be replaced
     of_results = (target.with_name(target.name + end) for end in (".json", ".partial"))
     study = SweepStudy(plan, target, finished)
-    outputs.check_json(arguments.json_file, target, *of_results)
+    outputs.check_json(arguments.json_file, target, arguments.picture, *of_results)
     return study
 
 

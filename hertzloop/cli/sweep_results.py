@@ -43,6 +43,7 @@ class SweepArguments:
     settings: list[str]
     seed: int | None
     out_file: Path | None
+    picture: Path | None
     overwrite: bool
     json_file: Path | None
 
@@ -113,6 +114,19 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
         ],
         "results": str(study.results_file),
     }
+
+
+def draw_results(picture: Path, study: SweepStudy, results: SweepResult) -> None:
+    """Draw the metrics of a sweep into a file; say so if no case has any."""
+    from hertzloop.studies.pages import pictures  # of an extra, as the next
+    from hertzloop.studies.sweep.chart import draw
+
+    if count_without_metrics(results) == study.total:
+        err.say(f"{picture}: not written, because no case has metrics.")
+        return
+    design = study.plan.design
+    pictures.save(draw(results.rows, design.keys, design.kind), picture)
+    out.say(f"Picture: {picture}")
 
 
 def flight_lines(setup: Setup, span: Span, rows: Rows) -> list[str]:

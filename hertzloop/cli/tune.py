@@ -68,7 +68,10 @@ AtMostOption = Annotated[
 OutDirOption = Annotated[
     Path | None,
     typer.Option(
-        "--out-dir", "-o", metavar="DIR", help="Write chart and settings into this folder."
+        "--out-dir",
+        "-o",
+        metavar="DIR",
+        help="Write settings, chart and scenes into this folder.",
     ),
 ]
 
@@ -110,7 +113,7 @@ def tune(
         seed=1 if seed is None else seed,
         require_stable=require_stable,
     )
-    arguments = TuneArguments(scenes or [DEFAULT], settings or [], seed, at_most or [])
+    arguments = TuneArguments(scenes or [DEFAULT], settings or [], seed)
     need("matplotlib", "pymoo")
     outputs.check_json(json_file)
     bases = [prepare.scene_from(name, arguments.settings, seed) for name in arguments.scenes]

@@ -1,22 +1,19 @@
 """Results of the command `tune`: on the screen, as files, and as plain data."""
 
-import shlex
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from hertzloop.cli.terminal import out
 from hertzloop.common.atomic_files import atomic_write
-from hertzloop.common.readable import argument
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.margin.sentences import unstable_line
 from hertzloop.studies.pages.commands import run_command
 from hertzloop.studies.pages.words import write_rows
 from hertzloop.studies.tune.plan import TunePlan
-from hertzloop.studies.tune.request import TuneRequest
-from hertzloop.studies.tune.result import Candidate, TuneResult, write_tuned
+from hertzloop.studies.tune.result import Candidate, TuneResult
 from hertzloop.views.format import Table, unwrapped
 
 _MOST_ROWS = 15
@@ -31,13 +28,11 @@ class TuneArguments:
         scenes: Names of the scenes.
         settings: Changes of scene keys.
         seed: Random seed; None: that of each scene.
-        at_most: Limits, as text.
     """
 
     scenes: list[str]
     settings: list[str]
     seed: int | None
-    at_most: list[str]
 
     def file_name(self, plan: TunePlan) -> str:
         """Return the name of the files with results."""
@@ -74,7 +69,7 @@ def as_data(result: TuneResult) -> dict[str, Any]:
 def write_result(
     folder: Path, arguments: TuneArguments, plan: TunePlan, result: TuneResult
 ) -> None:
-    """Write settings as CSV, all results as JSON, the chart, and each scene with the best setting.
+    """Write the settings as CSV, the picture, and each scene with the best setting.
 
     Raises:
         NotWritten: A file cannot be written.
@@ -94,14 +89,13 @@ def write_result(
         for candidate in result.front
     )
     write_rows(folder / f"{name}.csv", headings, rows)
-    write_tuned(folder / f"{name}.json", replace(result, command=_tune_command(arguments, plan)))
     title = ", ".join(base.name for base in plan.bases)
     pictures.save(front_sheet(title, result), folder / f"{name}.png")
     best_scenes = _scenes_with(result.best, plan)
     for setup in best_scenes:
         atomic_write(folder / f"tuned-{setup.name}.toml", to_toml(setup.scene))
     out.say(
-        f"written: {folder}/{name}.csv, .json and .png; with the best setting: "
+        f"written: {folder}/{name}.csv and .png; with the best setting: "
         + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes)
     )
 
@@ -138,26 +132,6 @@ def _title(shown: int, found: int, metrics: Sequence[str]) -> str:
     if len(metrics) > 1:
         order = f"{order}, those with no more {metrics[1]} than the published setting first"
     return f"{count} Pareto-optimal settings, {order}"
-
-
-def _tune_command(arguments: TuneArguments, plan: TunePlan) -> str:
-    """Return the command that repeats the search."""
-    request = plan.request
-    is_default = request.minimise == TuneRequest.minimise
-    repeatable: dict[str, Sequence[str]] = {
-        "--minimise": () if is_default else request.minimise,
-        "--law": request.laws,
-        "--vary": list(request.vary),
-        "--over": list(request.over),
-        "--at-most": arguments.at_most,
-        "--set": arguments.settings,
-    }
-    words = ["hertzloop", "tune", *map(argument, arguments.scenes)]
-    words += [word for option, many in repeatable.items() for one in many for word in (option, one)]
-    words += ["--span", request.span, "--generations", str(request.generations)]
-    words += ["--population", str(request.population), "--phases", str(request.phases)]
-    words += ["--seed", str(request.seed)]
-    return shlex.join([*words, *(["--require-stable"] if request.require_stable else [])])
 
 
 def _run_command(candidate: Candidate, setup: Setup, name: str, arguments: TuneArguments) -> str:

@@ -8,11 +8,8 @@ from typing import Any
 from hertzloop.common.atomic_files import whole_file
 from hertzloop.results.cases import CASE_METRICS
 from hertzloop.scene.keys import unit_of
-from hertzloop.scene.setup import Setup
-from hertzloop.views import provenance
 
 METRICS = {name: f"{row.words} ({row.unit})" for name, row in CASE_METRICS.items() if row.words}
-SPANS = {"impact": "the first impact", "run": "the whole run"}
 AXES = {
     "sensors.bits": "bits of the sensor",
     "sensors.every_steps": "sampling period (steps)",
@@ -40,11 +37,6 @@ def key_words(key: str) -> str:
     name, unit = unit_of(key)
     name = name.partition(".")[2].replace("_", " ") or name
     return f"{name} ({unit})" if unit else name
-
-
-def scene_words(setup: Setup) -> str:
-    """What collides in a scene, and what controls it, in a sentence."""
-    return f"{provenance.bodies(setup)}; {provenance.control(setup)}"
 
 
 def short(value: Any) -> str:

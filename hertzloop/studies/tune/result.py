@@ -1,14 +1,10 @@
-"""The result of `tune`, and its file."""
+"""The result of `tune`."""
 
-import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any
 
-from hertzloop.common.atomic_files import atomic_write
-from hertzloop.common.missing_files import why_unreadable
 from hertzloop.results.spans import Span
 from hertzloop.results.touch_phases import Spread
 from hertzloop.studies.margin.growth import Growth
@@ -46,7 +42,6 @@ class TuneResult:
     """What a search found, and what was asked for.
 
     Attributes:
-        scenes: The scenes as TOML.
         minimise: Names of the metrics.
         span: Part of the run that was evaluated.
         at_most: Largest allowed values, by metric.
@@ -56,11 +51,8 @@ class TuneResult:
         failed: The reason of each case that could not be run.
         cases: Number of cases.
         ran: Number of cases that were not in the journal of an earlier start.
-        versions: Versions of the code.
-        command: Command that repeats the search; empty from Python.
     """
 
-    scenes: Sequence[str]
     minimise: Sequence[str]
     span: Span
     at_most: Mapping[str, float]
@@ -69,8 +61,6 @@ class TuneResult:
     failed: Sequence[str]
     cases: int
     ran: int
-    versions: str
-    command: str = ""
 
     @property
     def winner(self) -> Candidate | None:
@@ -129,37 +119,3 @@ def better_than(
     allowed = [f for f in found if f.metrics[keep] <= reference.metrics[keep]]
     best = min(allowed, key=lambda f: f.metrics[gain], default=None)
     return best if best and best.metrics[gain] < reference.metrics[gain] else None
-
-
-def write_tuned(path: Path, result: TuneResult) -> None:
-    """Write the result as a JSON file. Raises NotWritten."""
-    data = asdict(result)
-    for found in (*data["front"], data["published"]):
-        for numbers in (found["metrics"], *found["spreads"].values()):  # JSON knows no nan
-            numbers.update({k: None if math.isnan(v) else v for k, v in numbers.items()})
-    text = json.dumps({"tuned": data}, indent=2, allow_nan=False)
-    atomic_write(path, text + "\n")
-
-
-def read_tuned(path: Path) -> TuneResult:
-    """Read the file of a result. Raises ValueError for another kind of file."""
-    try:
-        data = json.loads(path.read_bytes())["tuned"]
-        front = [_candidate(one) for one in data.pop("front")]
-        return TuneResult(front=front, published=_candidate(data.pop("published")), **data)
-    except FileNotFoundError as error:
-        why = why_unreadable(path, error, "Give a JSON file that `hertzloop tune` wrote.")
-        raise ValueError(f"{path}: cannot be read: {why}") from error
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"{path} holds no results of a tuning: {error}") from error
-
-
-def _candidate(data: dict[str, Any]) -> Candidate:
-    spreads = {
-        name: Spread(**{k: math.nan if v is None else v for k, v in spread.items()})
-        for name, spread in data["spreads"].items()
-    }
-    metrics = {k: math.nan if v is None else v for k, v in data["metrics"].items()}
-    growth = data["unstable_loop"]
-    unstable = None if growth is None else Growth(**growth)
-    return Candidate(data["values"], metrics, spreads, unstable)

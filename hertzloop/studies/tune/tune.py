@@ -6,10 +6,8 @@ Over a set of scenes the worst of them counts, metric by metric.
 from collections.abc import Callable
 from dataclasses import replace
 
-from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.evaluate import CaseTally
 from hertzloop.studies.cases.finished_cases import FinishedCases
-from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.result import Candidate, TuneResult, best_first
@@ -45,7 +43,6 @@ def tune(
         published, *best = with_spreads(pool, plan, [published, *best_first(best, published)])
     growths = [unstable_loop(plan.variants, candidate.values) for candidate in best]
     return TuneResult(
-        scenes=[to_toml(base.scene) for base in plan.bases],
         minimise=tuple(request.minimise),
         span=request.span,
         at_most=dict(request.at_most),
@@ -57,5 +54,4 @@ def tune(
         failed=[row["status"] for row in tally.without_result],
         cases=tally.cases,
         ran=tally.cases if finished is None else finished.ran,
-        versions=code_version(),
     )

@@ -56,11 +56,11 @@ ANSWERS = {
     "law replay a.mcap --law off --set sensors.bits=4":
     "--set sensors.bits = 4: has no effect on recorded samples. Set keys of [controller] only",
     "repair a.csv": f"nothing to recover: a.csv{NO_MCAP}",
-    "report a.partial -o r": "is unfinished. Run the command that started it again",
     "replay a.mcap --screenshot a.jpg": "--screenshot = a.jpg: must end in .png",
     "tune -o tuned.csv": "tuned.csv: must be a folder, not a file. Give a name without .csv",
     "sweep --verify a.csv": "No such option: --verify",
-    "report a.csv -o r": "a.csv: the file a.csv.json is missing beside it",
+    "sweep --over sensors.bits=8 --picture a.txt": "a.txt: unknown picture format",
+    "report a.csv -o r": f"a.csv{NO_MCAP}",
     "sweep --over sensors.bits=8 --cases 5": "--cases = 5: has no effect on a grid",
     "budget --check a.csv --goal x": "--goal = x: has no effect with --check",
     "budget --check a.csv --no-real-plant": "--no-real-plant: has no effect with --check",

@@ -82,7 +82,7 @@ def test_scales_are_rounded_up(value, above):
 def test_a_front_is_labelled_in_words_beside_its_points():
     figures = {"plate_energy_db": -3.0, "peak_force_n": 40.0}
     best = Candidate({"controller.law": "shifted_threshold"}, figures)
-    result = TuneResult([], tuple(figures), "impact", {}, [best], best, [], 1, 1, "")
+    result = TuneResult(tuple(figures), "impact", {}, [best], best, [], 1, 1)
     figure = front_sheet("made up", result)
     figure.draw_without_rendering()
     (ax,) = figure.axes

@@ -95,7 +95,7 @@ def test_without_a_better_setting_none_is_named():
     assert better_than(good, [Candidate({}, {"a": -1.0, "b": 1.0})], "a", "b") is None
     assert better_than(good, [Candidate({}, {"a": 0.0, "b": -1.0})], "a", "b") is None
     for minimised, ending in ((["a"], ""), (["a", "b"], " without raising b")):
-        result = TuneResult([], minimised, "impact", {}, [good], good, [], 1, 1, "")
+        result = TuneResult(minimised, "impact", {}, [good], good, [], 1, 1)
         assert result.verdict == f"none beats the published setting in a{ending}"
 
 
@@ -115,7 +115,7 @@ def test_the_command_writes_front_and_picture(tmp_path):
     result = invoke(words)
     assert result.exit_code == 0, result.output
     assert "published" in result.output
-    files = {f"tune-aluminium-3mm.{kind}" for kind in ("csv", "json", "png")}
+    files = {f"tune-aluminium-3mm.{kind}" for kind in ("csv", "png")}
     assert {f.name for f in tmp_path.iterdir()} == files | {"tuned-aluminium-3mm.toml"}
     assert (tmp_path / "tune-aluminium-3mm.png").read_bytes().startswith(b"\x89PNG")
     lines = (tmp_path / "tune-aluminium-3mm.csv").read_text().splitlines()
@@ -129,5 +129,5 @@ def test_the_best_setting_is_the_first_of_the_front():
     loud, best, mild = (Candidate({}, {"a": a, "b": b}) for a, b in ((-9, 5), (-3, 0), (-1, -2)))
     front = best_first([loud, best, mild], published)
     assert front == [best, mild, loud]
-    result = TuneResult([], ["a", "b"], "impact", {}, front, published, [], 1, 1, "")
+    result = TuneResult(["a", "b"], "impact", {}, front, published, [], 1, 1)
     assert result.best is result.winner is front[0]

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from hertzloop.studies.tune.result import read_tuned
 from tests.commands import invoke
 
 QUICK = ["--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0016", "--generations", "1",
@@ -110,9 +109,6 @@ def test_nothing_is_said_to_beat_a_published_setting_that_a_scene_refuses(tmp_pa
     told = json.loads(Path("r.json").read_text())
     assert set(told["published"]["metrics"].values()) == {None}
     assert told["verdict"][0].startswith("the published setting has no metrics")
-    tuned = read_tuned(Path("found/tune-aluminium-3mm.json"))
-    assert tuned.winner is None
-    assert tuned.best is tuned.front[0]
 
 
 def test_all_laws_can_be_tuned(tmp_path, monkeypatch):
