@@ -46,7 +46,7 @@ def by_one_clock(
         rate_hz: samples per second.
         quiet_s: length before the touch, s.
     """
-    clock = "daq" if len(seen) > 1 else None
+    clock = "daq" if len(seen) > 1 else ""
     return [
         measured(
             one,
@@ -55,7 +55,8 @@ def by_one_clock(
             rate_hz=rate_hz,
             quiet_s=quiet_s,
             name=one.quantity,
-            table=replace(tables[one.quantity], quantity=one.quantity, clock=clock),
+            table=replace(tables[one.quantity], quantity=one.quantity),
+            clock=clock,
             zero_s=_ZERO_S if clock else None,
         )
         for number, one in enumerate(seen)

@@ -73,6 +73,7 @@ def measured(
     name: str = "synthetic",
     table: Measurement | None = None,
     zero_s: float | None = None,
+    clock: str = "",
 ) -> Record:
     """Return a record of a noiseless quantity.
 
@@ -85,6 +86,7 @@ def measured(
         name: of the record.
         table: what the record says of itself.
         zero_s: the record's time of the touch; by the seed if left out.
+        clock: a name that the records of one clock share.
     """
     generator = np.random.default_rng(seed)
     duration_s = float(seen.simulated.time_s[-1]) - 2e-6
@@ -105,4 +107,5 @@ def measured(
         value = np.round(value / step) * step
     zero_s = generator.uniform(0.0, 0.01) if zero_s is None else zero_s
     time_s = zero_s + tau * (1.0 + 1e-6 * spoilt.clock_ppm)
-    return Record(name, time_s, value, seen.quantity, table or Measurement(quantity=seen.quantity))
+    found = table or Measurement(quantity=seen.quantity)
+    return Record(name, time_s, value, seen.quantity, measurement=found, clock=clock)

@@ -38,8 +38,7 @@ LEFT_OUT = {
     "hertzloop budget structure.toml": "as before",
     "hertzloop run --set controller.law=their.fmu": "the reader's file: test_fmu.py",
     "hertzloop fit rig.toml controlled.csv": "the reader's file: test_controlled_records.py",
-    "hertzloop fit rig.toml hits.csv": "the reader's file: fit/test_hits.py",
-    "hertzloop fit --check drop.csv": "the reader's file; the tutorial of hits has such a command",
+    "hertzloop fit --check drop.csv": "the reader's file: tests/fitting/fit/test_fit.py",
     "hertzloop fit bench.toml drop.csv": "the reader's file; the tutorial of fits has a fit",
 }
 # What is made shorter: other tests run the whole.

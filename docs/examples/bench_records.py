@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.fitting.records.quantities import QUANTITIES
 from hertzloop.scene.setup import load
 
 EXAMPLES = Path(__file__).parent
+SOURCE = "`docs/examples/bench_records.py`"
 TRUE = {
     "contact.limiting_pressure_pa": 1.5e9,
     "plate.thickness_m": 3.04e-3,
@@ -40,17 +40,16 @@ def main() -> None:
         )
         column = {"contact_force": "contact_force_n", "v_p": "v_p_m_s"}[quantity]
         table = [
-            "# SYNTHETIC: made by `docs/examples/bench_records.py`, not measured.",
-            "# [record]",
-            f'# unit = "{QUANTITIES[quantity].unit}"',
-            "# sensitivity_uncertainty = 0.02",
-            "# clock_tolerance_ppm = 25",
+            "[record]",
+            "sensitivity_uncertainty = 0.02",
+            "clock_tolerance_ppm = 25",
         ]
         if height_m != rig.sphere.drop_height_m:
-            table.append(f'# set = {{"sphere.drop_height_m" = {height_m}}}')
+            table.append(f'set = {{"sphere.drop_height_m" = {height_m}}}')
         rows = np.stack([record.time_s, record.value], axis=1)
+        (EXAMPLES / f"{name}.toml").write_text("\n".join(table) + "\n", encoding="utf-8")
         with (EXAMPLES / f"{name}.csv").open("w", encoding="utf-8") as file:
-            file.write("\n".join(table) + f"\ntime_s,{column}\n")
+            file.write(f"# SYNTHETIC: made by {SOURCE}, not measured.\ntime_s,{column}\n")
             np.savetxt(file, rows, delimiter=",", fmt=["%.8f", "%.6g"])
 
 

@@ -18,7 +18,7 @@ def read_record(path: str | Path, **table: Any) -> "Record":
     """Read a measured record.
 
     Args:
-        path: a text table, or a file of another format of `hertzloop fit`.
+        path: a text table, a Parquet or NPZ file, or a recording of hertzloop.
         table: keys of the `[record]` table, which replace those of the file.
 
     Returns:
@@ -34,10 +34,10 @@ def read_record(path: str | Path, **table: Any) -> "Record":
 
 @with_parameter_names
 def read_records(path: str | Path, **table: Any) -> "list[Record]":
-    """Read the measured records of a file: one for each of its `[[record]]` tables, or one.
+    """Read the measured records of a file: one for each `[[record]]` table beside it, or one.
 
     Args:
-        path: a file of `read_record`, or a TOML file whose `[[record]]` tables name such files.
+        path: a file of `read_record`.
         table: keys of the tables, which replace those of the file.
 
     Returns:
@@ -46,28 +46,27 @@ def read_records(path: str | Path, **table: Any) -> "list[Record]":
     Raises:
         RecordError: a file cannot be read, or a record cannot be used.
     """
-    from hertzloop.fitting.records.reading import read_records
+    from hertzloop.fitting.records import reading
 
-    return read_records(Path(path), table)
+    return reading.read_records(Path(path), table)
 
 
 @with_parameter_names
 def fit(
     scene: AnyScene,
-    records: "Record | Sequence[Record]",
+    records: "Record | str | Path | Sequence[Record | str | Path]",
     free: Sequence[str],
     *,
-    hold_out: "Sequence[Record | int] | None" = None,
+    hold_out: "Sequence[Record]" = (),
     exact: bool = False,
 ) -> "FitResult":
     """Fit keys of a scene to measured records of drops, with the law off or on.
 
     Args:
         scene: the scene, or its name or TOML file, with start values.
-        records: one record or several; `Record.measurement.control` says whether the law was on.
+        records: one or several, as a `Record` or the path of its file.
         free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"` as on the command line.
-        hold_out: records, or numbers of hits, to compare with the fitted scene only; by default the
-            last one of several hits.
+        hold_out: records to compare with the fitted scene only.
         exact: whether the model is taken as exact, so that only noise may spoil a record.
 
     Returns:
@@ -85,7 +84,11 @@ def fit(
 
     check_list("free", free)
     setup = resolved(scene)
-    several = [records] if isinstance(records, Record) else list(records)
-    return fit_records(
-        setup, several, [parse_free_key(setup, text) for text in free], hold_out, exact=exact
-    )
+    given = [records] if isinstance(records, Record | str | Path) else list(records)
+    several = [
+        found
+        for one in given
+        for found in ([one] if isinstance(one, Record) else read_records(one))
+    ]
+    keys = [parse_free_key(setup, text) for text in free]
+    return fit_records(setup, several, keys, hold_out, exact=exact)

@@ -7,7 +7,6 @@ from benchmarks.margin import beside_the_contact
 from hertzloop.fitting.fit.problem.problem_preparation import with_measuring_point
 from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
 from hertzloop.fitting.records.errors import RecordError
-from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.record import Record
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
@@ -138,7 +137,7 @@ def test_a_file_of_modes_says_where_the_sensor_is(tmp_path):
 
 def velocity_record(**measured: object) -> Record:
     time_s = np.arange(600) * 1e-6
-    return Record("v.csv", time_s, np.sin(1e4 * time_s), "v_p", Measurement(**measured))
+    return Record("v.csv", time_s, np.sin(1e4 * time_s), "v_p", measured)
 
 
 def test_a_record_is_taken_where_the_sensor_of_the_scene_is(tmp_path):

@@ -1,7 +1,5 @@
 """The command `fit`: from measured records to a calibrated scene."""
 
-import shlex
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -17,8 +15,7 @@ from hertzloop.fitting.fit.fit import fit as fit_records
 from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
 from hertzloop.fitting.fit.keys.free_keys import FreeKey
 from hertzloop.fitting.fit.keys.key_scope import is_control_key
-from hertzloop.fitting.fit.reports.file_description import describe_file
-from hertzloop.fitting.fit.reports.fit_text import parameter_table, sentences
+from hertzloop.fitting.fit.reports.fit_text import describe_record, parameter_table, sentences
 from hertzloop.fitting.fit.results import FitResult
 from hertzloop.fitting.fit.verdicts import ModelVerdict
 from hertzloop.fitting.records.reading import holds_records, input_files, read_records
@@ -26,8 +23,8 @@ from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
 from hertzloop.warmup import Work
 
-_OF_FIT = ("--exact", "--hold-out", "--out", "--replay")
-_OF_SCENE = ("--expect", "--json", "--report", "--set")
+_OF_FIT = ("--exact", "--hold-out", "--out", "--picture")
+_OF_SCENE = ("--expect", "--json", "--set")
 
 
 def fit(
@@ -45,12 +42,11 @@ def fit(
         ),
     ] = None,
     hold_out: Annotated[
-        list[str] | None,
+        list[Path] | None,
         typer.Option(
             "--hold-out",
-            metavar="RECORD|HIT|none",
-            help="Compare this record, or the hit of this number, with the result; do not "
-            "fit it. Of several hits the last one is held out.",
+            metavar="RECORD",
+            help="Compare this record with the result; do not fit it.",
         ),
     ] = None,
     check: Annotated[
@@ -76,12 +72,9 @@ def fit(
         Path | None,
         typer.Option("--out", "-o", help="Fitted scene to write; SCENE-fitted.toml if left out."),
     ] = None,
-    report_file: Annotated[
-        Path | None, typer.Option("--report", help="Write an HTML page of the fit to this file.")
-    ] = None,
-    replay_file: Annotated[
+    picture_file: Annotated[
         Path | None,
-        typer.Option("--replay", help="Write measured over simulated values to this .rrd file."),
+        typer.Option("--picture", help="Draw measured over simulated values to this file."),
     ] = None,
     settings: options.SetOption = None,
     json_file: options.JsonOption = None,
@@ -100,28 +93,21 @@ def fit(
         "--hold-out": hold_out,
         "--json": json_file,
         "--out": out_file,
-        "--replay": replay_file,
-        "--report": report_file,
+        "--picture": picture_file,
         "--set": settings,
     }
-    if "none" in (hold_out or []) and len(hold_out or []) > 1:
-        raise FitError("--hold-out none: cannot be combined with another --hold-out. Remove one.")
     without_scene = check and not free and holds_records(Path(scene))
     _refuse_unused([option for option, value in given.items() if value], check, without_scene)
     files = list(records or [])
     if without_scene:
         for file in (Path(scene), *files):
-            out.say("\n".join(describe_file(file)))
+            for one in read_records(file):
+                out.say("\n".join(describe_record(one)))
         return
     setup = prepare.scene_from(scene, settings, None)
-    numbers = [int(text) for text in hold_out or [] if text.isdecimal()]
-    held = [Path(text) for text in hold_out or [] if not text.isdecimal() and text != "none"]
-    written = FitFiles(
-        None if check else out_file or Path(f"{setup.name}-fitted.toml"),
-        report_file,
-        replay_file,
-        json_file,
-    )
+    held = hold_out or []
+    scene_file = None if check else out_file or Path(f"{setup.name}-fitted.toml")
+    written = FitFiles(scene_file, picture_file, json_file)
     read = outputs.files_of(setup, scene, *(settings or []))
     read += [one for file in (*files, *held) for one in input_files(file)]
     written.check(read, overwrite, named=out_file is not None)
@@ -140,15 +126,11 @@ def fit(
     if check:
         result = check_records(setup, measured, keys)
     else:
-        held_out: list[Record | int] | None = [*compared, *numbers] if hold_out else None
-        result = _fit_with_progress(setup, measured, keys, held_out, exact)
+        result = _fit_with_progress(setup, measured, keys, compared, exact)
     out.print(parameter_table(result))
     for sentence in sentences(result):
         out.say(sentence)
-    named = {"--free": free, "--hold-out": hold_out, "--expect": expect, "--set": settings}
-    flags = {"--check": check, "--exact": exact, "--report": True}
-    words = ["hertzloop", "fit", scene, *files, *_option_words(named, flags), report_file]
-    written.write(result, shlex.join(map(str, words)))
+    written.write(result)
     if not result.identifiable:
         raise typer.Exit(2)
     if result.model is ModelVerdict.DOES_NOT_FIT:
@@ -185,7 +167,7 @@ def _fit_with_progress(
     setup: Setup,
     records: list[Record],
     keys: list[FreeKey],
-    hold_out: list[Record | int] | None,
+    hold_out: list[Record],
     exact: bool,
 ) -> FitResult:
     """Fit keys to records, and show the number of simulations."""
@@ -196,9 +178,3 @@ def _fit_with_progress(
             advance(round(1000 * done / expected), about)
 
         return fit_records(setup, records, keys, hold_out, show, exact)
-
-
-def _option_words(named: Mapping[str, list[str] | None], flags: Mapping[str, bool]) -> list[str]:
-    """Return the words of options with values and of those without."""
-    words = [word for name, values in named.items() for one in values or [] for word in (name, one)]
-    return words + [name for name, on in flags.items() if on]

@@ -18,14 +18,12 @@ class FitFiles:
 
     Attributes:
         scene: the fitted scene.
-        report: the HTML page.
-        replay: the .rrd file.
+        picture: measured over simulated values.
         json: the file of --json, or standard output.
     """
 
     scene: Path | None
-    report: Path | None
-    replay: Path | None
+    picture: Path | None
     json: Path | None
 
     def check(self, read: list[Path], overwrite: bool, named: bool) -> None:
@@ -40,33 +38,23 @@ class FitFiles:
         if self.scene is not None:
             own = not named and _written_by_fit(self.scene)
             outputs.check_output(self.scene, overwrite or own, read=read)
-        for path, option in ((self.report, "--report"), (self.replay, "--replay")):
-            if path is not None:
-                outputs.check_output(path, overwrite, option, read=read)
-        outputs.check_json(self.json, self.scene, self.report, self.replay)
+        if self.picture is not None:
+            outputs.check_picture(self.picture)
+            outputs.check_output(self.picture, overwrite, "--picture", read=read)
+        outputs.check_json(self.json, self.scene, self.picture)
 
-    def write(self, result: FitResult, command: str) -> None:
-        """Write the files, the fitted scene only if the records identify its keys.
-
-        Args:
-            result: of the fit.
-            command: command line that repeats it.
-        """
+    def write(self, result: FitResult) -> None:
+        """Write the files, the fitted scene only if the records identify its keys."""
         data = as_json(result)
         if self.scene is not None and result.setup is not None and result.identifiable:
             atomic_write(self.scene, fitted_scene(result, self.scene.stem))
             data["scene"] = str(self.scene)
             out.say(f"written: {self.scene}")
-        if self.report is not None:
-            from hertzloop.fitting.fit.reports.fit_page import page  # of an extra
+        if self.picture is not None:
+            from hertzloop.fitting.fit.reports.fit_picture import write_picture  # of an extra
 
-            atomic_write(self.report, page(result, command))
-            out.say(f"written: {self.report}")
-        if self.replay is not None:
-            from hertzloop.fitting.fit.reports.fit_replay import write_replay  # of an extra
-
-            write_replay(result, self.replay)
-            out.say(f"written: {self.replay}")
+            write_picture(result, self.picture)
+            out.say(f"written: {self.picture}")
         outputs.write_json(self.json, data)
 
 

@@ -12,7 +12,6 @@ from hertzloop.fitting.fit.assessment.summary import (
     unique_names,
 )
 from hertzloop.fitting.fit.keys.free_keys import FreeKey, refuse_duplicates
-from hertzloop.fitting.fit.problem.hit_speeds import add_hit_speeds
 from hertzloop.fitting.fit.problem.problem_preparation import prepare_problem
 from hertzloop.fitting.fit.results import FitResult
 from hertzloop.fitting.fit.solver.discrete_key import expected_profile
@@ -22,7 +21,6 @@ from hertzloop.fitting.fit.uncertainty.intervals import (
 )
 from hertzloop.fitting.fit.uncertainty.key_uncertainty import key_uncertainty
 from hertzloop.fitting.fit.verdicts import ModelVerdict
-from hertzloop.fitting.hits.split import split_hits
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
 
@@ -34,9 +32,8 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[FreeKey]) -> F
         RecordError, SceneError, FitError
     """
     began = time.perf_counter()
-    records = split_hits(unique_names(records), setup)
+    records = unique_names(records)
     refuse_duplicates(free)
-    free = add_hit_speeds(setup, records, free)
     problem = prepare_problem(setup, records, free)
     discrete, profile = problem.discrete_key, None
     if discrete is not None:
@@ -54,7 +51,7 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[FreeKey]) -> F
     reasons = ["This is a check before a fit: nothing was fitted."]
     assessment = ModelAssessment(ModelVerdict.CANNOT_TELL, math.nan, reasons=reasons)
     return FitResult(
-        **common_fields(problem, setup, iterate, iterate, known, assessment),
+        **common_fields(problem, iterate, iterate, known, assessment),
         estimates=estimates,
         wall_s=time.perf_counter() - began,
         speeds_m_s=impact_speeds(problem, {}),

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 
+from hertzloop.fitting.fit.channels.sample_selection import LASTING_S
 from hertzloop.fitting.fit.errors import FitError
 from hertzloop.fitting.fit.problem.controlled_records import (
     refuse_incomparable,
@@ -14,7 +15,6 @@ from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
 from hertzloop.fitting.fit.simulation.loop_simulator import LoopSimulator
 from hertzloop.fitting.fit.simulation.measuring_chain import MeasuringChain
 from hertzloop.fitting.fit.simulation.observed_signal import observe
-from hertzloop.fitting.hits.find import LASTING_S
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.quantities import QUANTITIES
 from hertzloop.fitting.records.record import Record
@@ -61,7 +61,8 @@ def expected_record(
     simulator: ImpactSimulator
     if under:
         refuse_unknown_loop(setup)
-        refuse_incomparable(Record(name, np.arange(8.0), np.ones(8), quantity, table), setup)
+        plain = Record(name, np.arange(8.0), np.ones(8), quantity, measurement=table)
+        refuse_incomparable(plain, setup)
         simulator = LoopSimulator(setup, duration_s, 1e-4)
     else:
         simulator = ImpactSimulator(setup, duration_s, 1e-4)
@@ -70,4 +71,4 @@ def expected_record(
     noise = 0.01 * percent * float(np.max(np.abs(clean)))
     # The noise has a known size and no influence on the answer; its seed makes it repeatable.
     noisy = clean + noise * np.random.default_rng(1).standard_normal(len(clean))
-    return Record(name, time_s, noisy, quantity, table)
+    return Record(name, time_s, noisy, quantity, measurement=table)

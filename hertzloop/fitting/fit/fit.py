@@ -14,14 +14,9 @@ from hertzloop.fitting.fit.assessment.summary import (
 )
 from hertzloop.fitting.fit.channels.sample_selection import exclude_contact
 from hertzloop.fitting.fit.errors import FitError
-from hertzloop.fitting.fit.hold_out import (
-    compare_hold_out,
-    leave_out_held,
-    split_hold_out,
-)
+from hertzloop.fitting.fit.hold_out import compare_hold_out, leave_out_held
 from hertzloop.fitting.fit.keys.free_keys import FreeKey, refuse_duplicates
-from hertzloop.fitting.fit.keys.key_scope import is_control_key, values_for_record
-from hertzloop.fitting.fit.problem.hit_speeds import add_hit_speeds
+from hertzloop.fitting.fit.keys.key_scope import is_control_key
 from hertzloop.fitting.fit.problem.iterate import Iterate
 from hertzloop.fitting.fit.problem.problem import FitProblem
 from hertzloop.fitting.fit.problem.problem_preparation import prepare_problem
@@ -35,7 +30,6 @@ from hertzloop.fitting.fit.uncertainty.converter_draws import apply_converter_dr
 from hertzloop.fitting.fit.uncertainty.intervals import add_discrete_estimate, estimate_keys
 from hertzloop.fitting.fit.uncertainty.key_uncertainty import key_uncertainty
 from hertzloop.fitting.fit.verdicts import KeyVerdict
-from hertzloop.fitting.hits.split import split_hits
 from hertzloop.fitting.records.chain_keys import is_chain_key
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
@@ -48,7 +42,7 @@ def fit(
     setup: Setup,
     records: Sequence[Record],
     free: Sequence[FreeKey],
-    hold_out: Sequence[Record | int] | None = None,
+    hold_out: Sequence[Record] = (),
     on_progress: Callable[[int, int], None] = lambda done, expected: None,
     exact: bool = False,
 ) -> FitResult:
@@ -58,8 +52,7 @@ def fit(
         setup: the scene to start from, in which everything else is known.
         records: at least one; all share the keys.
         free: the keys to find.
-        hold_out: records, or numbers of hits, that are only compared with the result, also if they
-            are among `records`; the last one of several hits if left out.
+        hold_out: records that are only compared with the result, also if they are among `records`.
         on_progress: is told the number of simulations done and of those expected.
         exact: whether the model is taken as exact, so that only noise may spoil a record.
 
@@ -77,9 +70,7 @@ def fit(
         raise FitError("no key is free. Name at least one with --free KEY.")
     refuse_duplicates(free)
     began = time.perf_counter()
-    records = split_hits(unique_names(leave_out_held(records, hold_out)), setup)
-    records, held_records = split_hold_out(records, hold_out, setup)
-    free = add_hit_speeds(setup, records, free)
+    records = unique_names(leave_out_held(records, hold_out))
     problem = prepare_problem(setup, records, free)
     problem.counter.on_progress = on_progress
     windows = _fit_growing_windows(problem)
@@ -97,14 +88,14 @@ def fit(
     unsure = {e.key for e in estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE}
     plain = solution.exact_iterate()
     values = problem.key_values(iterate.x)
-    fitted = _fitted_setup(setup, values, records[0])
+    fitted = _fitted_setup(setup, values)
     held, held_over_noise = None, 0.0
-    if held_records:
-        held = compare_hold_out(fitted, _under_same_law(held_records, free), free, exact)
+    if hold_out:
+        held = compare_hold_out(fitted, _under_same_law(hold_out, free), exact)
         held_over_noise = held["residual_over_noise"]
     assessment = assess_model(problem, plain, one_sided, unsure, held_over_noise)
     return FitResult(
-        **common_fields(problem, setup, iterate, plain, known, assessment),
+        **common_fields(problem, iterate, plain, known, assessment),
         estimates=estimates,
         hold_out=held,
         setup=fitted,
@@ -153,17 +144,10 @@ def _rebuild_if_moved(setup: Setup, windows: _WindowsFit) -> FitProblem:
     return rebuild_simulators(setup, problem, problem.key_values(x))
 
 
-def _fitted_setup(setup: Setup, values: dict[str, float], first: Record) -> Setup:
-    """Return the setup with the fitted values; of the speeds of hits it takes that of the first."""
+def _fitted_setup(setup: Setup, values: dict[str, float]) -> Setup:
+    """Return the setup with the fitted values."""
     for of_sensor in (False, True):
-        changed = {
-            name: value
-            for key, value in values.items()
-            if is_chain_key(key) is of_sensor
-            for name in (key, *values_for_record({key: value}, first))
-            if "[" not in name
-        }
-        setup = setup.vary(changed)
+        setup = setup.vary({k: v for k, v in values.items() if is_chain_key(k) is of_sensor})
     return setup
 
 

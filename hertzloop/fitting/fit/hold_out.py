@@ -11,24 +11,18 @@ from hertzloop.fitting.fit.assessment.residuals import (
     independent_samples,
 )
 from hertzloop.fitting.fit.errors import FitError
-from hertzloop.fitting.fit.keys.free_keys import FreeKey
-from hertzloop.fitting.fit.problem.hit_speeds import hit_speed_keys
 from hertzloop.fitting.fit.problem.problem_preparation import prepare_problem
 from hertzloop.fitting.fit.solver.discrete_key import search_discrete_key
 from hertzloop.fitting.fit.solver.minimise import minimise
 from hertzloop.fitting.fit.solver.solution import solve
-from hertzloop.fitting.hits.split import split_hits
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
 
 _OF_RECORD = ("gain", "in_pulse_percent", "after_pulse_percent", "largest_percent")
 
 
-def leave_out_held(
-    records: Sequence[Record], hold_out: Sequence[Record | int] | None
-) -> list[Record]:
+def leave_out_held(records: Sequence[Record], held: Sequence[Record]) -> list[Record]:
     """Return the records that are not held out as well. Raises FitError if none is left."""
-    held = [one for one in hold_out or [] if isinstance(one, Record)]
     found = [one for one in records if not any(one.repeats(other) for other in held)]
     if not found:
         raise FitError(
@@ -38,36 +32,9 @@ def leave_out_held(
     return found
 
 
-def split_hold_out(
-    records: Sequence[Record], hold_out: Sequence[Record | int] | None, setup: Setup
-) -> tuple[list[Record], list[Record]]:
-    """The records to fit, and those to compare: hits by number, and other records. Raises
-    FitError."""
-    hits = sorted({one.hit for one in records if one.hit})
-    if hold_out is None:
-        hold_out = hits[-1:] if len(hits) > 1 else []
-    numbers = {one for one in hold_out if isinstance(one, int)}
-    if numbers - set(hits) or (numbers and numbers == set(hits)):
-        raise FitError(
-            f"--hold-out {min(numbers - set(hits) or numbers)}: cannot be held out. The hits are "
-            f"{', '.join(map(str, hits)) or 'not several'}; at least one is fitted."
-        )
-    others = split_hits([one for one in hold_out if isinstance(one, Record)], setup)
-    if numbers and any(one.hit for one in others):
-        raise FitError(
-            f"--hold-out {min(numbers)}: cannot be combined with the hits of {others[0].name}, "
-            "which have numbers of their own. Hold out numbers or files."
-        )
-    fitted = [one for one in records if one.hit not in numbers]
-    return fitted, [one for one in records if one.hit in numbers] + others
-
-
-def compare_hold_out(
-    fitted: Setup, records: Sequence[Record], free: Sequence[FreeKey], exact: bool
-) -> dict[str, Any]:
-    """Compare records with the fitted scene; only their nuisances, and the speed of every hit, are
-    found anew."""
-    problem = prepare_problem(fitted, records, hit_speed_keys(fitted, records, free, 1))
+def compare_hold_out(fitted: Setup, records: Sequence[Record], exact: bool) -> dict[str, Any]:
+    """Compare records with the fitted scene; only their nuisances are found anew."""
+    problem = prepare_problem(fitted, records, [])
     if problem.looped:
         problem = search_discrete_key(problem)
     until_s = problem.windows_s()[-1]

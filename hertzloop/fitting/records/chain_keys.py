@@ -1,9 +1,6 @@
 """Keys of the measuring chain."""
 
-from hertzloop.sensors.acquisition import LOW_PASSES as CAUSAL
-
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
-LOW_PASSES = (*CAUSAL, "sigma-delta")
 WITHOUT_CONTROL = "The records are simulated without control: no law, no latency, no force."
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from hertzloop.fitting.records.quantities import GAP_QUANTITIES
+from hertzloop.fitting.records.reading import si_factor
 from hertzloop.fitting.records.record import Record
-from hertzloop.fitting.records.series_units import si_factor
 from hertzloop.sensors.acquisition import converter_step as adc_step
 
 _AT_REST = 0.1  # of the largest value, up to which a sensor is at rest

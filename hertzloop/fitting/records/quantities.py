@@ -1,6 +1,5 @@
 """Quantities that can be measured, and the names that files give them."""
 
-import re
 from typing import NamedTuple
 
 from hertzloop.fitting.records.errors import RecordError
@@ -42,13 +41,19 @@ GAP_QUANTITIES = ("xi", "xi_s")  # distances from the plate, which are not zero 
 PLATE_QUANTITIES = ("v_p", "acceleration", "xi_p")  # quantities with a measuring point
 
 
-def quantity_of(name: str) -> str | None:
-    """The quantity that a name means, such as `v_p_mm_s` or "Force [N]"; None if it means none."""
-    stem = "" if name[:1] in tuple("-|") else plain_name(name_and_unit(name, NAMES)[0])
-    return NAMES.get(stem) or NAMES.get(re.sub(r"_?\d+$", "", stem))
+def split_heading(heading: str) -> tuple[str, str]:
+    """Return the plain name and the unit of a heading; the name of a quantity ends in no unit."""
+    plain = plain_name(heading)
+    return (plain, "") if plain in NAMES else name_and_unit(heading)
+
+
+def quantity_of(heading: str) -> str | None:
+    """The quantity that a heading means, such as `v_p_mm_s` or "Force [kN]"; None for none."""
+    return NAMES.get(split_heading(heading)[0])
 
 
 def known_quantity(quantity: str | None, name: str) -> str:
+    """Return a quantity. Raises RecordError if it is not one of `QUANTITIES`."""
     if quantity not in QUANTITIES:
         raise RecordError(
             f"record.quantity = '{quantity}': not known in {name}. Give one of "

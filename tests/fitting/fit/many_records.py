@@ -139,8 +139,9 @@ def written(number: int, folder: Path) -> tuple[str, Path, Setup, dict[str, floa
         level = 2.0 * float(g.uniform(1.1, 3.0)) * float(np.max(np.abs(value))) / 2**bits
         value = np.round(value / level) * level
     path = folder / f"drop-{number}.csv"
-    lines = [f"# {line}" for line in ("[record]", *table, "sensitivity_uncertainty = 0.01")]
-    lines.append(f"time_s,{COLUMNS[quantity]}")
+    about = "\n".join(("[record]", *table, "sensitivity_uncertainty = 0.01"))
+    path.with_suffix(".toml").write_text(about)
+    lines = [f"time_s,{COLUMNS[quantity]}"]
     rows = zip(zero_s + tau * (1.0 + 1e-6 * ppm), value, strict=True)
     path.write_text("\n".join([*lines, *(f"{t:.11g},{v:.9g}" for t, v in rows)]) + "\n")
     true = {RADIUS: radius, HEIGHT: height, PRESSURE: pressure or 0.0, THICKNESS: thickness}

@@ -36,11 +36,14 @@ def record(
     duration_s: float = 90e-6,
     seed: int = 3,
     phase: float = 0.3,
+    clock: str = "",
     **table: object,
 ) -> Record:
     seen = truth(setup, quantity, duration_s, accuracy=1e-4, phase=phase)
     said = Measurement(quantity=quantity, **table)
-    return measured(seen, Spoilt(gain=1.01, offset=0.01), seed, table=said, zero_s=0.002)
+    return measured(
+        seen, Spoilt(gain=1.01, offset=0.01), seed, table=said, zero_s=0.002, clock=clock
+    )
 
 
 def holds(found: FitResult, **true: float) -> bool:
@@ -206,7 +209,7 @@ def test_a_force_that_jumps_needs_a_bandwidth():
 def test_the_command_fits_the_latency_of_a_record(tmp_path):
     path, out = tmp_path / "r.csv", tmp_path / "fitted.toml"
     write_csv(path, record(scene(f"{LATENCY}=6")))
-    path.write_text(f"# [record]\n# control = true\n{path.read_text()}")
+    path.with_suffix(".toml").write_text("[record]\ncontrol = true\n")
     words = ["fit", "aluminium-3mm", "--free", f"{LATENCY}=0:12"]
     assert invoke([*words, str(path), "--out", str(out)]).exit_code == 0
     assert load(str(out)).latency_us == pytest.approx(6.0, abs=1.0)

@@ -31,54 +31,28 @@ class Answer(NamedTuple):
     words: str = ""
 
 
-_USUAL = "radius 3 mm, height 50 mm"
-_FITTED = (_USUAL, "thickness 3 mm", "latency 6 us")  # numbers, checked by their intervals
 _TRUE = {
     "sphere.radius_m": 0.003,
     "sphere.drop_height_m": 0.05,
-    "plate.thickness_m": 0.003,
-    "controller.latency_us": 6.0,
 }
 _FILTER = "margin oak-20mm --set controller.law=linear --set controller.filter_file={f}"
 _MARGIN = r"latency limit: 2 steps \(2\.671 us\).*ends\): 3\.045"
 _LATENCY = "run aluminium-3mm --transport compiled --set controller.latency_trace={f} -o {o}"
 _LAW = "run aluminium-3mm --transport compiled --set run.duration_s=0.002 --set controller.law={f} -o {o}"  # noqa: E501
-_TWO = r"2 series could be the record: .* Choose one, for example with record\.group = \"{}\""
-_THICK = "fit {d}/rig.toml {f} --free plate.thickness_m --out {t} --json {j} --overwrite"
 
 ANSWERS = {
-    "groups.tdms": Answer(_TWO.format("Impact 1"), True),
-    "groups.h5": Answer(_TWO.format("impact_1"), True),
-    "groups.mf4": Answer(_TWO.format("1"), True),
-    "side_by_side.csv": Answer(_TWO.format("1"), True),
     "no-pretrigger-0.001.csv": Answer("contact_force: column 2 'contact_force_n' in N"),
     "with-pretrigger-0.001.csv": Answer("contact_force: column 2 'contact_force_n' in N"),
-    **dict.fromkeys((
-        "pico-us.csv", "row-ns.csv", "datetime.parquet", "digilent.csv", "tek_tbs.csv",
-        "column-vectors.h5", "tek_mdo.csv", "siglent.csv", "hammer_lvm.txt", "keysight.csv",
-        "rigol2.csv", "decimal-comma-integer-first.csv", "sep-line.csv", "trailing-comma.csv",
-        "savetxt-header.csv", "row_kN.csv", "kN.tdms", "kN.mf4",
-    ), Answer(_USUAL)),
-    "one-hash-inf.csv": Answer(r"12 samples are not numbers and are not used"),
-    "labview-2d.h5": Answer(r"the columns are column 1 'data 1', column 2 'data 2'", True),
-    "row_mm.csv": Answer("thickness 3 mm", words=_THICK),
-    "frf.uff": Answer("is a frequency response function, not a time record", True),
-    "pcm8.wav": Answer(
-        "thickness 3 mm",
-        words="fit {d}/rig20.toml {f} --free plate.thickness_m --free sphere.drop_height_m "
-              "--out {t} --json {j} --overwrite",
-    ),
-    "own-times_c.csv": Answer(
-        "latency 6 us",
-        words="fit aluminium-3mm {d}/own-times_c.csv {d}/own-times_a.csv "
-        "--free controller.latency_us=0:20 --set controller.law=slope_threshold "
-        "--set actuator.bandwidth_hz=1e5 --out {t} --json {j} --overwrite",
+    "one-hash-inf.csv": Answer(r"invalid value .1\.#INF.", True),
+    "decimal-comma-integer-first.csv": Answer(r"give record\.decimal = ','", True),
+    **dict.fromkeys(
+        ("pico-us.csv", "row_kN.csv", "row_mm.csv", "sep-line.csv", "savetxt-header.csv",
+         "trailing-comma.csv"),
+        Answer(r"hertzloop\.Record\(", True),
     ),
     "filter-good.npz": Answer(_MARGIN, words=_FILTER),
-    "filter-workspace.mat": Answer("Use a file that ends in .npz", True, _FILTER),
     "filter-dtTrue.npz": Answer(_MARGIN, words=_FILTER),
     "filter-sos_ok.npz": Answer(r"ends\): 0\.1059", words=_FILTER),
-    "filter-sos_g.mat": Answer("Use a file that ends in .npz", True, _FILTER),
     "filter-ct.npz": Answer("dt = 0 marks a continuous filter", True, _FILTER),
     "filter-fir31.npz": Answer(r"stable at .*limit: \d+ steps \(2127 us\)", words=_FILTER),
     "filter-dt20us.npz": Answer("designed for another sampling interval", True, _FILTER),
@@ -126,7 +100,7 @@ def right(name: str, code: int, text: str, out: Path) -> bool:
             for key, one in found["parameters"].items()
         )
         fits = found["model"] != "does not fit"
-        return known and fits and (answer.says in _FITTED or bool(re.search(answer.says, text)))
+        return known and fits and bool(re.search(answer.says, text))
     return code == 0 and re.search(answer.says, text) is not None
 
 

@@ -14,7 +14,11 @@ def test_a_negative_sensitivity_keeps_range_and_step(sensitivity):
     volts = np.concatenate([np.zeros(20), [1.0, 2.0, 2.0, -5.0, -1.0], np.zeros(20)])
     measurement = parse_record_table(table, "drop.csv")
     record = Record(
-        "drop.csv", 1e-6 * np.arange(45), volts / sensitivity, "contact_force", measurement
+        "drop.csv",
+        1e-6 * np.arange(45),
+        volts / sensitivity,
+        "contact_force",
+        measurement=measurement,
     )
     assert list(np.flatnonzero(clipped_samples(record))) == [21, 22, 23]
     assert converter_step(record) == pytest.approx(7.0 / 256 / 0.5)
@@ -24,5 +28,5 @@ def test_a_sensor_that_rests_at_one_end_is_clipped_at_the_other():
     value = np.zeros(40)
     value[20:26] = [2.0, 8.0, 10.0, 10.0, 7.0, 1.0]
     measurement = parse_record_table({"range": [0.0, 10.0]}, "drop.csv")
-    one = Record("r", 1e-6 * np.arange(40), value, "contact_force", measurement)
+    one = Record("r", 1e-6 * np.arange(40), value, "contact_force", measurement=measurement)
     assert list(np.flatnonzero(clipped_samples(one))) == [22, 23]

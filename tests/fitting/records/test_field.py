@@ -1,7 +1,5 @@
 """Every file in the layouts of instruments gives the right answer, or the refusal it must give."""
 
-from pathlib import Path
-
 import pytest
 
 from hertzloop.fitting.records.reading import read_record
@@ -14,24 +12,17 @@ RECORDS = [name for name in TEXTS if not ANSWERS[name].refused and not ANSWERS[n
 
 @pytest.mark.parametrize("name", RECORDS)
 def test_times_and_values_of_a_record_are_in_si_units(name):
-    """All hold a pulse of about 88 N and 50 us, sampled every 0.5 us."""
+    """All hold a pulse of about 91 N and 50 us, sampled every 0.5 us."""
     one = read_record(FOLDER / name)
     assert one.interval_s == pytest.approx(5e-7, rel=1e-3)
-    peak = 79.3 if name == "one-hash-inf.csv" else 90.8 if "pretrigger" in name else 88.0
-    assert max(one.value[one.value == one.value]) == pytest.approx(peak, rel=2e-3)
+    assert max(one.value[one.value == one.value]) == pytest.approx(90.8, rel=2e-3)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("name", ANSWERS)
 def test_a_file_gives_the_right_answer(name, tmp_path):
-    for package in {
-        ".tdms": ["nptdms"],
-        ".h5": ["h5py"],
-        ".mf4": ["asammdf"],
-        ".uff": ["pyuff"],
-        ".fmu": ["fmpy"],
-    }.get(Path(name).suffix, []):
-        pytest.importorskip(package)
+    if name.endswith(".fmu"):
+        pytest.importorskip("fmpy")
     code, text = asked(name, tmp_path)
     assert right(name, code, text, tmp_path), text
 
@@ -42,9 +33,8 @@ def test_every_file_has_an_answer():
         "README.md",
         "fmu.c",
         "fmu_make.py",
-        "gym_seed_and_close.py",
         "laws",
-        "own-times_a.csv",
+        "turn6",
         "requirements.toml.other-tool",
     }
     found = {path.name for path in FOLDER.iterdir() if path.suffix != ".toml"}

@@ -78,8 +78,6 @@ ANSWERS = {
     "sweep --over sensors.bits=8,9 --phases 3 --set run.touch_phase=0.3":
     "--set run.touch_phase=0.3: the sweep varies this key. Remove one of the two",
     "budget --within 0.1": "--within = 0.1: has no effect without --uncertain. Remove it",
-    "fit aluminium-3mm a.csv --free sphere.radius_m --hold-out none --hold-out 2":
-    "--hold-out none: cannot be combined with another --hold-out. Remove one",
     "export-plant aluminium-3mm -o p.fmu --out-dir pp":
     "--out = p.fmu: cannot be combined with --out-dir. Remove one of the two",
     "sweep --over run.touch_phase=0.1,0.2 --phases 4":

@@ -131,7 +131,7 @@ def _other_impacts(problem: FitProblem, iterate: Iterate) -> list[str]:
         if len(places):
             found.append(
                 f"{c.record.name}: an impact {1e6 * curve['time_s'][places[0]]:.3g} us after the "
-                "first is not in the simulation. If it is another drop or hit, cut the record "
+                "first is not in the simulation. If it is another drop, cut the record "
                 "before it."
             )
     return found

@@ -12,12 +12,10 @@ from hertzloop.fitting.fit.uncertainty.key_uncertainty import KeyUncertainty
 from hertzloop.fitting.fit.uncertainty.measure_next import suggest_measurement
 from hertzloop.fitting.records.errors import RecordError
 from hertzloop.fitting.records.record import Record
-from hertzloop.scene.setup import Setup
 
 
 def common_fields(
     problem: FitProblem,
-    setup: Setup,
     iterate: Iterate,
     plain: Iterate,
     known: KeyUncertainty,
@@ -27,7 +25,6 @@ def common_fields(
 
     Args:
         problem: the fit.
-        setup: the scene at the start.
         iterate: its solution.
         plain: the same, with the model taken as exact.
         known: uncertainty of the keys.
@@ -43,26 +40,9 @@ def common_fields(
         "covariance": known.covariance,
         "combinations": known.combinations,
         "measure_next": suggest_measurement(problem, iterate, known),
-        "notes": _collect_notes(problem, setup),
+        "notes": [note for c in problem.channels for note in c.notes],
         "evaluations": problem.counter.done,
     }
-
-
-def _collect_notes(problem: FitProblem, setup: Setup) -> list[str]:
-    """Return sentences on the records and on keys that they tell together only."""
-    found = [note for c in problem.channels for note in c.notes]
-    keys = {f.key for f in problem.free}
-    known = ("hammer.mass_kg", "hammer.tip_exponent")
-    if "hammer.tip_stiffness" in keys and not keys & {*known}:
-        values = " and ".join(
-            f"{key} = {getattr(setup.scene.hammer, key.partition('.')[2]):g}" for key in known
-        )
-        found.append(
-            f"hammer.tip_stiffness holds for {values}: hits of similar speeds show mass, exponent "
-            "and stiffness of the tip, and how far the structure gives way, only as the length and "
-            "the shape of one pulse. Weigh the hammer; hits of other speeds tell the exponent."
-        )
-    return found
 
 
 def check_sample_count(iterate: Iterate) -> None:

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.fitting.fit.channels.channel import Channel
+from hertzloop.fitting.fit.channels.impact import ONSET_LEVELS, ONSET_SHARE
 from hertzloop.fitting.fit.simulation.observed_signal import ObservedSignal
-from hertzloop.fitting.hits.impact import ONSET_LEVELS, ONSET_SHARE
 from hertzloop.fitting.records.errors import RecordError
 
 _WINDOW = (-0.5, 1.6)  # of a contact, in which a record is aligned

@@ -10,17 +10,17 @@ from hertzloop.fitting.fit.channels.channel import (
     Channel,
     is_unfiltered_acceleration,
 )
-from hertzloop.fitting.fit.channels.noise import (
-    autoregressive_noise,
-    noise_below_converter_step,
-)
-from hertzloop.fitting.hits.impact import (
+from hertzloop.fitting.fit.channels.impact import (
     FEWEST_QUIET,
     ONSET_LEVELS,
     ONSET_SHARE,
     THIRD_DIFFERENCE,
     RecordedImpact,
     find_impact,
+)
+from hertzloop.fitting.fit.channels.noise import (
+    autoregressive_noise,
+    noise_below_converter_step,
 )
 from hertzloop.fitting.records.converter import clipped_samples
 from hertzloop.fitting.records.quantities import GAP_QUANTITIES

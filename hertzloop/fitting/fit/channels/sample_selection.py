@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from hertzloop.fitting.fit.channels.channel import Channel
-from hertzloop.fitting.hits.find import LASTING_S
 
+LASTING_S = 0.06  # time after the impact that a fit uses
 _UNKNOWN_CONTACTS = 1.6
 _LONG_RUN = 8  # samples on one level, more than a slope makes
 _MOST_SAMPLES = 60_000

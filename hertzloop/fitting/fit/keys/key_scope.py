@@ -20,12 +20,6 @@ def drop_values(values: Mapping[str, float]) -> dict[str, float]:
 def values_for_record(values: Mapping[str, float], record: Record) -> dict[str, float]:
     """Return the scene keys that concern a record.
 
-    Keys that its table sets are left out. Of the keys `KEY[HIT]` the one of its hit is returned,
-    as KEY.
+    Keys that its table sets are left out.
     """
-    found = {}
-    for key, value in values.items():
-        name, _, hit = key.partition("[")
-        if name not in record.measurement.set and hit in ("", f"{record.hit}]"):
-            found[name] = value
-    return found
+    return {key: value for key, value in values.items() if key not in record.measurement.set}

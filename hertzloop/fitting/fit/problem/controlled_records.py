@@ -58,10 +58,10 @@ def refuse_mixed_clocks(records: Sequence[Record], controlled: Sequence[bool]) -
     clocks: dict[str, tuple[Any, ...]] = {}
     for record, under in zip(records, controlled, strict=True):
         kind = under, dict(record.measurement.set)
-        if record.measurement.clock and clocks.setdefault(record.measurement.clock, kind) != kind:
+        if record.clock and clocks.setdefault(record.clock, kind) != kind:
             raise RecordError(
-                f"record.clock = '{record.measurement.clock}': records of one clock are of one "
-                f"impact, but {record.name} has another control or set."
+                f"{record.name}: has another control or set than another record of "
+                f"'{record.clock}'. Records of one file or clock are of one impact."
             )
 
 

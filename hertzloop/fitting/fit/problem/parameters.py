@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -58,19 +58,12 @@ class FitParameters:
     @property
     def nuisance_indices(self) -> list[NuisanceIndices]:
         """Places of the nuisances of every channel. Channels of one clock share shift, clock and
-        phase; hits share the clock, and the gain of each sensor."""
+        phase."""
         known: dict[tuple[str, object], int] = {}
         found: list[NuisanceIndices] = []
         for index, (c, simulator) in enumerate(zip(self.channels, self.simulators, strict=True)):
-            record, hit = c.record, c.record.hit > 0
-            clock = record.measurement.clock or index
-            sensor = repr(replace(record.measurement, clock=None, set={})) if hit else index
-            of = {
-                "shift": clock,
-                "clock": "of hits" if hit else clock,
-                "gain": sensor,
-                "offset": index,
-            }
+            clock = c.record.clock or index
+            of = {"shift": clock, "clock": clock, "gain": index, "offset": index}
             of |= {"phase": clock} if simulator.looped else {}
             keys = len(self.varied_keys)
             at = [known.setdefault(one, keys + len(known)) for one in of.items()]

@@ -20,7 +20,6 @@ from hertzloop.fitting.fit.problem.controlled_records import (
     find_controlled,
     refuse_mixed_clocks,
 )
-from hertzloop.fitting.fit.problem.hit_speeds import set_start_speeds
 from hertzloop.fitting.fit.problem.problem import FitProblem
 from hertzloop.fitting.fit.problem.simulators import build_simulators, visible_error
 from hertzloop.fitting.fit.simulation.measuring_chain import chain_of_record
@@ -68,7 +67,6 @@ def prepare_problem(setup: Setup, records: Sequence[Record], free: Sequence[Free
             c.simulation_error = visible_error(c, simulator)
     chains = [chain_of_record(c.record, setup) for c in channels]
     problem = FitProblem(free=list(free), channels=channels, simulators=simulators, chains=chains)
-    set_start_speeds(problem, start)
     _align_channels(problem, start, setup.latency_us)
     if any(looped):
         check_actuator_acts(problem, start)
@@ -101,7 +99,7 @@ def _align_channels(problem: FitProblem, start: dict[str, float], latency_us: fl
         if c.away_from_contact:  # the wave has to arrive, and grow as it does in the record
             long_s = max(long_s, float(c.time_s[-1]) - c.onset_s)
         seen = problem.simulate_channel(index, dict(start), long_s)
-        clock = c.record.measurement.clock
+        clock = c.record.clock
         if clock and clock in leaders:
             c.touch_s = leaders[clock].touch_s
         else:

@@ -1,1 +1,1 @@
-"""A fit as text, JSON, page, replay and scene."""
+"""A fit as text, JSON, picture and scene."""

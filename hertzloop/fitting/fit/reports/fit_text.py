@@ -2,11 +2,15 @@
 
 import math
 
+import numpy as np
+
 from hertzloop.fitting.fit.results import Estimate, FitResult, Nuisance
 from hertzloop.fitting.fit.verdicts import OPEN, WIDEST, KeyVerdict, ModelVerdict
+from hertzloop.fitting.records.quantities import QUANTITIES
 from hertzloop.fitting.records.record import Record
 from hertzloop.views.format import Table
 
+_SHOWN = 5  # samples of a record
 _MODEL_WORDS = {
     ModelVerdict.FITS: "The model fits.",
     ModelVerdict.DOES_NOT_FIT: "The model does not fit.",
@@ -26,6 +30,20 @@ def number(value: float | None, digits: int = 5) -> str:
 def touch_s(nuisance: Nuisance, record: Record) -> str:
     """Write the time of the touch, s, with the digits that the samples of a record resolve."""
     return f"{nuisance.time_shift_s:.{max(0, math.ceil(-math.log10(record.interval_s)))}f}"
+
+
+def describe_record(one: Record) -> list[str]:
+    """Return sentences on a record: what was read, its first samples, and its peak."""
+    unit = QUANTITIES[one.quantity].unit
+    first = zip(one.time_s[:_SHOWN], one.value[:_SHOWN], strict=True)
+    peak = int(np.nanargmax(np.abs(one.value)))
+    return [
+        f"{one.name}: {one.source}.",
+        f"{len(one.value)} samples, {1e6 * one.interval_s:.6g} us from sample to sample; largest "
+        f"value {one.value[peak]:.6g} {unit} at {one.time_s[peak]:.9g} s. The first samples:",
+        *(f"  {t:.9g} s  {v:.6g} {unit}" for t, v in first),
+        *one.notes,
+    ]
 
 
 def parameter_table(result: FitResult) -> Table:

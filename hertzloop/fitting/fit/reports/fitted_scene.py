@@ -9,11 +9,9 @@ from hertzloop.scene.toml import to_toml
 
 
 def fit_table(result: FitResult) -> FitTable:
-    """Return the `[fit]` table of a fitted scene, without the speeds of single hits."""
-    shared = [i for i, e in enumerate(result.estimates) if "[" not in e.key]
-    estimates = [result.estimates[i] for i in shared]
-    covariance = result.covariance[np.ix_(shared, shared)]
-    covariance = np.where(np.isfinite(covariance), covariance, 0.0)
+    """Return the `[fit]` table of a fitted scene."""
+    estimates = result.estimates
+    covariance = np.where(np.isfinite(result.covariance), result.covariance, 0.0)
     for i, e in enumerate(estimates):
         if e.verdict is not KeyVerdict.IDENTIFIED:
             covariance[i, :] = covariance[:, i] = 0.0

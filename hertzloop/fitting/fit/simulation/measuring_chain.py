@@ -17,7 +17,7 @@ _REACH = 12.0  # periods of the corner that a brick wall reaches on both sides
 @dataclass(frozen=True)
 class MeasuringChain(Filters):
     """Filters of a measuring chain, which may end with the brick wall of a sigma-delta converter:
-    `low_pass` is one of `LOW_PASSES` of `records.chain_keys`."""
+    `low_pass` is one of those of `records.measurement`."""
 
     def filtered(self, value: np.ndarray, step_s: float) -> np.ndarray:
         """Filter samples that are zero before the first one.

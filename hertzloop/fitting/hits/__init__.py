@@ -1,1 +1,0 @@
-"""Hits in measured records: found, judged, and split from each other."""
