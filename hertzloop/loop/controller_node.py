@@ -12,6 +12,7 @@ from hertzloop.bus.port import BusError, PeerLost, Port, Publisher
 from hertzloop.bus.sequence_checker import SequenceChecker, compare_report
 from hertzloop.bus.streams import CONTROLLER, PLANT, Envelope, StreamFault
 from hertzloop.controller.controller import Controller, Reply
+from hertzloop.controller.law_kernels import SAMPLES
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_digest
@@ -80,6 +81,11 @@ class ControllerNode:
     def samples(self) -> int:
         """Number of samples that were answered."""
         return self._lane.samples if self._lane else self._samples
+
+    @property
+    def law_samples(self) -> int:
+        """Number of samples that the law was given."""
+        return int(self._controller.law_state.counts[SAMPLES]) if self._controller else 0
 
     @property
     def waited_s(self) -> float:

@@ -239,11 +239,10 @@ def _answer_all(node: "ControllerNode", wait_s: float, timeout_s: float) -> floa
     if node.setup is None:
         return 0.0
     started = time.monotonic() - node.waited_s
-    done, patience_s = [0], timeout_s + watchdog.PATIENCE_S
-    with watchdog.watching(node.setup, lambda: done[0], what="exchanges", patience_s=patience_s):
+    patience_s = timeout_s + watchdog.PATIENCE_S
+    with watchdog.watching(node.setup, lambda: node.law_samples, patience_s=patience_s):
         while not node.done:
             node.work(timeout_s)
-            done[0] += 1
     return max(0.0, time.monotonic() - started - node.waited_s)
 
 
