@@ -6,7 +6,7 @@ import numpy as np
 
 from hertzloop.loop.impact_end import impact_follower
 from hertzloop.plant.metrics import impact_kernels
-from hertzloop.plant.metrics.impact_kernels import END
+from hertzloop.plant.metrics.impact_kernels import END, OVER, STEP
 from hertzloop.plant.metrics.impacts import contacts, noise_inputs, part_of
 from hertzloop.plant.metrics.noise import impact_noise
 from hertzloop.plant.metrics.truth_kernels import ImpactSteps
@@ -37,7 +37,10 @@ def first_impact(
         return next(impacts_of_blocks(setup, [(0, truth)], modes), None)
     spec, lead = setup.plant, min(start, 1)
     modes = modes or modes_of(spec)
-    truth = truth[:, start - lead : start + count + BEHIND]
+    behind = BEHIND
+    if lasts.counts[OVER]:  # the next impact counts with its first step, as in a window
+        behind = min(behind, int(lasts.counts[STEP]) + 1 - count)
+    truth = truth[:, start - lead : start + count + behind]
     part = part_of(spec, modes, truth, ImpactSteps(lead, count, first_step=start - lead))
     if not part.known:
         return None

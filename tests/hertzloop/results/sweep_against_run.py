@@ -23,7 +23,8 @@ import numpy as np
 
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.simulate import LawStopped, simulate
-from hertzloop.results.impacts import first_impact
+from hertzloop.results.impact_windows import ImpactMetrics
+from hertzloop.results.impacts import first_impact, impacts_of_blocks
 from hertzloop.results.span_metrics import of_impact
 from hertzloop.results.spans import follow
 from hertzloop.scene.controller import build_controller
@@ -301,12 +302,19 @@ def difference(setup: Setup) -> str:
         return f"the states of {ran} steps"
     if values is not None and not _alike(case.values, values[:taken]):
         return f"the samples of {ran} steps"
-    # A case without such an impact ends with the run.
-    first, expected = (first_impact(setup, part) for part in (case.truth, truth))
+    # As a report of the run has it, and as it is found in all steps.
+    in_run = next(impacts_of_blocks(setup, [(0, truth)]), None), first_impact(setup, truth)
+    first = first_impact(setup, case.truth)
+    wrong = "; ".join(filter(None, (_wrong(first, expected) for expected in in_run)))
+    return f"{wrong}; {ran} steps were run" if wrong else ""
+
+
+def _wrong(first: ImpactMetrics | None, expected: ImpactMetrics | None) -> str:
+    """What differs between an impact and the expected one."""
     if first is None or expected is None:
         return "" if first is expected else f"impact {first}, expected {expected}"
     if (first.start, first.end, first.over) != (expected.start, expected.end, expected.over):
-        return f"end at step {first.over}, expected {expected.over}; {ran} steps were run"
+        return f"end at step {first.over}, expected {expected.over}"
     found, wanted = vars(of_impact(first)), vars(of_impact(expected))
     wrong = [name for name, value in wanted.items() if not _alike(found[name], value)]
     return ", ".join(f"{name} {found[name]}, expected {wanted[name]}" for name in wrong)
