@@ -31,7 +31,6 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.loading import DEFAULT, shipped
 from hertzloop.scene.setup import Setup, load
-from hertzloop.studies.report.page import page_of
 from hertzloop.views import replaying
 
 NOTES = "pictures.json"
@@ -125,14 +124,10 @@ def differences(noted: dict[str, Any], now: dict[str, Any]) -> list[str]:
 def read_notes() -> dict[str, Any]:
     """The notes beside the pictures of the documentation, by the name of the picture.
 
-    A note holds the `command` that draws it, the file that this `writes`, the case whose replay or
-    report it is (`replayed`), and `metrics` of the cases that it draws, or of such as it draws.
+    A note holds the `command` that draws it, the file that this `writes`, the case whose replay
+    it is (`replayed`), and `metrics` of the cases that it draws, or of such as it draws.
     """
     return dict(json.loads((DOCS / NOTES).read_text(encoding="utf-8")))
-
-
-_REPORT = "report"
-_BROWSERS = ("chromium", "chromium-browser", "chrome")
 
 
 def _draw(picture: Path, run: Run) -> None:
@@ -170,23 +165,6 @@ def _draw_by_command(picture: Path, note: dict[str, Any]) -> None:
         shutil.copyfile(Path(temporary) / note["writes"], picture)
 
 
-def _photograph_report(picture: Path) -> None:
-    """The top of the page of the scene `aluminium-3mm`, by Chromium."""
-    browser = next(filter(None, map(shutil.which, _BROWSERS)), None)
-    if browser is None:
-        fail(f"the picture of the page needs a browser: {', '.join(_BROWSERS)}", 1)
-    with TemporaryDirectory(prefix="hertzloop-") as temporary:
-        file, page = Path(temporary) / "aluminium-3mm.mcap", Path(temporary) / "page.html"
-        Run("aluminium-3mm").record(file)
-        page.write_text(page_of(read(file)), encoding="utf-8")
-        command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
-        command += [f"--user-data-dir={temporary}/profile", "--window-size=1100,2500"]
-        command += ["--virtual-time-budget=1500", f"--screenshot={picture}", page.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode or not picture.exists():
-        fail(f"{browser} took no picture: {done.stderr.strip()[-200:]}", 1)
-
-
 def main(
     folder: OutDirOption = None,
     only: Annotated[
@@ -204,13 +182,13 @@ def main(
 ) -> None:
     """Draw the replay of every shipped scene over the same run without control.
 
-    Also draws a paced run; with --only report the page of a run. Needs no screen. With --quick:
+    Also draws a paced run. Needs no screen. With --quick:
     the default scene only.
 
     Example: python -m benchmarks.pictures --only aluminium-20mm -o pictures
     """
     wanted = {name: Run(name) for name in shipped()} | MORE
-    known = list(read_notes()) if documented else [*wanted, _REPORT]
+    known = list(read_notes()) if documented else [*wanted]
     if unknown := [name for name in only or [] if name not in known]:
         fail(f"--only = {unknown[0]}: unknown picture. Choose one of {', '.join(known)}", 2)
     names = only or ([DEFAULT] if quick and not documented else list(wanted))
@@ -221,10 +199,7 @@ def main(
         rows = []
         for name in tracked("pictures", names):
             began = time.perf_counter()
-            if name == _REPORT:
-                _photograph_report(results.path(f"{_REPORT}.png"))
-            else:
-                _draw(results.path(f"replay-{name}.png"), wanted[name])
+            _draw(results.path(f"replay-{name}.png"), wanted[name])
             rows.append((name, time.perf_counter() - began))
         results.write_rows("pictures", ("name", "seconds"), rows)
         longest = max(seconds for _, seconds in rows)

@@ -219,12 +219,6 @@ OTHER = (
         "Write the plant for other programs: an FMU or a C library.",
         "export-plant aluminium-3mm --out plant.fmu",
     ),
-    CommandEntry(
-        "bench",
-        "hertzloop.cli.bench:bench",
-        "Measure how fast this computer runs a scene.",
-        "bench aluminium-3mm --quick",
-    ),
 )
 GROUPS = (
     GroupEntry("scene", "Scenes: list, show, new, keys, check, modes.", SCENE),

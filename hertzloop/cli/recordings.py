@@ -53,14 +53,6 @@ def inspect(
             "--law", metavar="OUT.py", help="Write the text of the law that ran to this file."
         ),
     ] = None,
-    responses: Annotated[
-        Path | None,
-        typer.Option(
-            "--responses",
-            metavar="DIR",
-            help="Draw the response times of a paced run into this folder.",
-        ),
-    ] = None,
     overwrite: options.OverwriteOption = False,
     details: options.DetailsOption = False,
 ) -> None:
@@ -78,28 +70,9 @@ def inspect(
         _write_law(recording, law_file, overwrite)
     found = inspected(recording)
     print_inspection(out, found, details)
-    if responses is not None:
-        _draw_responses(recording, responses)
     outputs.write_json(json_file, summary(found))
     if found.problems:
         raise typer.Exit(1)
-
-
-def _draw_responses(recording: Recording, folder: Path) -> None:
-    """Draw how long the answers of a paced run took; ends the command for another run."""
-    from hertzloop.results.recorded import pacing_of, responses_of
-    from hertzloop.studies.report.response_times import draw_response, write_table
-    from hertzloop.views.pacing import pacing_sentences
-
-    responses, found = responses_of(recording), pacing_of(recording)
-    if responses is None or found is None or found.clock is None:
-        fail(f"{recording.path}: has no response times. Record it with hertzloop run --pace.")
-    outputs.make_folder(folder)
-    draw_response(folder / "response.png", responses, found)
-    write_table(folder / "response.csv", responses)
-    for sentence in pacing_sentences(found):
-        out.say(sentence)
-    out.say(f"written: {folder}/response.png and .csv")
 
 
 def _write_law(recording: Recording, file: Path, overwrite: bool) -> None:
@@ -320,8 +293,8 @@ def report(
 ) -> None:
     """Write an HTML report on a recording.
 
-    The page needs no other file. It has metrics, charts, an animation of the plate, sound, the
-    scene, and how to run it again.
+    The page needs no other file. It has the verdict, tables, charts, the scene, and how to run it
+    again.
     """
     need("matplotlib", "jinja2")
     from hertzloop.studies.report.page import page_of
@@ -332,7 +305,7 @@ def report(
     outputs.check_output(page, overwrite, "--out-dir", [source])
     say_problems(recording)
     try:
-        text = page_of(recording)
+        text = page_of(recording).html()
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
     atomic_write(page, text)

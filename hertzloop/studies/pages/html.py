@@ -1,4 +1,4 @@
-"""HTML pages that need no other file: of results of any study, and of a run."""
+"""HTML pages that need no other file, of a run or of the results of a study."""
 
 import io
 from collections.abc import Sequence
@@ -16,16 +16,6 @@ def svg(sheet: Figure) -> str:
     return whole[whole.index("<svg") :]
 
 
-def template(name: str) -> jinja2.Template:
-    """Return one of the templates beside this file; a missing value is an error."""
-    settings = jinja2.Environment(
-        loader=jinja2.PackageLoader("hertzloop.studies.pages", ""),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    return settings.get_template(name)
-
-
 @dataclass(frozen=True)
 class ResultChart:
     """A picture on a page of results, as an SVG element."""
@@ -37,13 +27,12 @@ class ResultChart:
 
 @dataclass(frozen=True)
 class ResultTable:
-    """A table on a page of results; `sorts`: whether a click on a heading sorts it."""
+    """A table on a page of results."""
 
     title: str
     headings: Sequence[str]
     rows: list[list[str]]
     words: str = ""
-    sorts: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,7 +46,7 @@ class ResultPage:
         tables: Tables.
         commands: Commands that make the results again.
         versions: Versions of the code that made the results.
-        scenes: Name and TOML text of each scene.
+        scenes: Name and text of each scene, and of the law.
         warnings: Sentences that stand out.
     """
 
@@ -72,4 +61,9 @@ class ResultPage:
 
     def html(self) -> str:
         """Return the page as text."""
-        return template("results.html.j2").render(vars(self))
+        settings = jinja2.Environment(
+            loader=jinja2.PackageLoader("hertzloop.studies.pages", ""),
+            autoescape=True,
+            undefined=jinja2.StrictUndefined,
+        )
+        return settings.get_template("results.html.j2").render(vars(self))

@@ -1,4 +1,4 @@
-"""The charts of a report: forces, velocity and energies over time, and spectra."""
+"""The three charts of a report: around the first contact, over the whole run, and spectra."""
 
 from typing import Any
 
@@ -8,40 +8,38 @@ from hertzloop.recordings.replay.decimation import extremes
 from hertzloop.recordings.replay.plots import Plot, PlotCurve
 from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.studies.pages import pictures
-from hertzloop.studies.pages.html import svg
+from hertzloop.studies.pages.html import ResultChart, svg
 
 _POINTS = 1500  # a curve
 _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
 
 
-def around_first_contact(shown: ReplayData) -> str:
-    """Gap, forces, plate velocity and energies around the first contact."""
-    return _sheet(shown.plots, shown.when.around_ns)
-
-
-def whole_run(shown: ReplayData) -> str:
-    """The same over all of the run."""
+def charts_of(shown: ReplayData) -> list[ResultChart]:
+    """Return those charts that a run has."""
     truth = shown.recording.truth
     first, last = (int(truth.step_at(at)) * truth.step_ns for at in (0, truth.samples - 1))
-    return _sheet(shown.plots, (first, last))
+    found = []
+    if shown.contacts:
+        found.append(ResultChart("First contact", _sheet(shown.plots, shown.when.around_ns)))
+    found.append(ResultChart("Whole run", _sheet(shown.plots, (first, last))))
+    if shown.labels.spectra:
+        found.append(ResultChart("Plate velocity at the contact, whole run", _spectra(shown)))
+    return found
 
 
-def spectra(shown: ReplayData) -> str:
-    """Level of the plate velocity."""
+def _spectra(shown: ReplayData) -> str:
+    """Draw the level of the plate velocity."""
     sheet, axes = pictures.sheet(1, 1, width=10.0, height=2.8)
     ax = axes[0, 0]
     for i, found in enumerate(shown.labels.spectra):
         ax.semilogx(found.frequency_hz, found.level_db, label=found.label, **pictures.look(i))
-    ax.set(
-        xlabel="frequency (Hz)",
-        ylabel="level in 1/12 octaves\n(dB re 1 m/s)",
-        title="Plate velocity at the contact, whole run",
-    )
+    ax.set(xlabel="frequency (Hz)", ylabel="level in 1/12 octaves\n(dB re 1 m/s)")
     _legend(ax)
     return svg(sheet)
 
 
 def _sheet(plots: list[Plot], span_ns: tuple[int, int]) -> str:
+    """Draw all curves over a span of time."""
     lines = -(-len(plots) // 2)
     sheet, axes = pictures.sheet(lines, 2, width=10.0, height=2.4)
     for ax, plot in zip(axes.ravel(), plots, strict=False):
@@ -73,5 +71,5 @@ def _draw(ax: Any, curve: PlotCurve, span_ns: tuple[int, int]) -> None:
 
 
 def _legend(ax: Any) -> None:
-    """Beside the axes, where it hides nothing."""
+    """Draw the legend beside the axes, where it hides nothing."""
     ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, fontsize=7)

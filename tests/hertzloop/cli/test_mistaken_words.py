@@ -40,7 +40,7 @@ ANSWERS = {
     "scene modes aluminium-3mm --out pipe.csv": "not a regular file",
     f"run --out {'a' * 300}.mcap": "File name too long. Choose another name",
     "run --json no/such/folder/a.json": "the folder no/such/folder does not exist",
-    "bench --json folder.json": "folder.json: is a folder",
+    "margin --json folder.json": "folder.json: is a folder",
     "run --name **": "--name = '**': must be 1 to 100 letters, digits",
     """run --controller "sh 'x" """: "No closing quotation. Close the quotation.",
     "run --controller 'sh {connect}'": "has one of {listen} and {connect}. Use both, or none",

@@ -25,7 +25,7 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.results.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.scene.setup import Setup
-from tests.commands import as_options, call, refused
+from tests.commands import as_options, refused
 from tests.hertzloop.commands import (
     EVENTUALLY_S,
     child_of,
@@ -180,14 +180,6 @@ class TestProcesses:
         assert first_difference(a, b) is None
         assert b.metadata["repeats"] == a.metadata["run_id"]
         assert np.array_equal(a.truth.arrays["f_a_n"], b.truth.arrays["f_a_n"])
-
-    def test_inspected_and_drawn(self, folder):
-        drawn = call("inspect", folder / "paced.mcap", "--responses", folder).output
-        assert (folder / "response.png").stat().st_size > 10_000
-        rows = (folder / "response.csv").read_text().splitlines()
-        assert sum(int(row.split(",")[1]) for row in rows[1:]) == 29_999
-        inspected = call("inspect", folder / "paced.mcap").output
-        assert all(sentence in inspected for sentence in drawn.splitlines()[:3])
 
 
 @pytest.mark.parametrize(

@@ -60,39 +60,34 @@ def test_a_page_needs_nothing_from_elsewhere_and_is_small(page):
         "with control",
         "without",
         "contact time",
-        "sound exposure level",
+        "First contact",
         "slope_threshold, kappa 0.8",
         "plate.size_m",
-        "hertzloop run",
+        "hertzloop run --repeat a.mcap --out a-again.mcap",
     ):
         assert word in text
-    assert text.count("data:audio/wav;base64,") == 2
     assert text.count("<svg") == 3
+    assert "<script" not in text
 
 
 @pytest.mark.full
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium here: apt install chromium")
-def test_a_browser_draws_it_without_an_error(page, tmp_path):
+def test_a_browser_draws_it_without_an_error(page):
     found, console = in_browser(page)
     assert console == []
-    drawn = re.search(r'data-drawn-after-ms="(\d+)"', found)
-    assert drawn, "the plate was not drawn"
-    assert int(drawn[1]) < 5000
-    assert re.search(r'id="words">[\d.]+ ms, actuator', found)
-    broken = tmp_path / "broken.html"
-    broken.write_text(page.read_text().replace("draw(0);", "drow(0);"))
-    assert any("drow is not defined" in line for line in in_browser(broken)[1])
+    assert found.count("<svg") == 3
 
 
 @pytest.mark.full
 def test_a_run_that_explodes_says_so_and_one_without_contact_too(tmp_path):
     text = page_of(tmp_path, "aluminium-20mm", UNSTABLE).read_text()
-    assert '<p class="warning">Unstable from 7.547 ms on' in text
+    assert '<p class="warning">UNSTABLE: the actuator supplies' in text
     assert "<th>change</th>" not in text
     quiet = tmp_path / "quiet"
     quiet.mkdir()
     text = page_of(quiet, "aluminium-3mm", ["run.duration_s=0.0005"]).read_text()
-    assert "No contact in this run." in text
+    assert "No impact occurs within the run." in text
+    assert text.count("<svg") == 1
 
 
 def test_a_page_is_not_replaced_unasked(page):
@@ -146,7 +141,7 @@ def test_the_page_says_what_the_run_said(bounces):
     for table in (text, inspected.output):
         assert re.search(r"about \d+0\b", table)
         assert not re.search(r"\b\de\+\d\d", table)
-    assert "The law slope_threshold" in text
+    assert "slope_threshold (law)" in text
     assert read(bounces).law_source in text
 
 
@@ -162,15 +157,9 @@ def test_what_another_program_controlled_is_not_said_to_repeat(bounces, tmp_path
     path = write(tmp_path / "other.mcap", bounces, foreign())
     text = text_of(path)
     assert "hertzloop run" not in text
-    for words in (
-        "controller outside hertzloop",
-        "hertzloop node plant aluminium-3mm.toml",
-        "hertzloop node recorder",
-        "digits as recorded",
-        "No text of the law",
-    ):
-        assert words in text
+    assert "holds no text of the law that ran, mine 1.0" in text
     assert read(path).law_source not in text
+    assert "digits as recorded" in text
     refused = call("inspect", path, "--law", tmp_path / "law.py")
     assert refused.exit_code == 2
     assert "holds no text of the law that ran, mine 1.0" in refused.output
@@ -181,7 +170,7 @@ def test_what_another_program_controlled_is_not_said_to_repeat(bounces, tmp_path
 
 @pytest.mark.full
 def test_a_law_comes_out_of_its_recording(tmp_path, monkeypatch):
-    """The commands of the page give the same samples, the law's file being lost."""
+    """Law and scene of a recording run again, the law's file being lost."""
     monkeypatch.chdir(tmp_path)
     law = write_law(tmp_path)
     settings = [f"controller.law={law}", "run.duration_s=0.0016", "run.accuracy=0.05"]
@@ -191,22 +180,12 @@ def test_a_law_comes_out_of_its_recording(tmp_path, monkeypatch):
     text = text_of(tmp_path / "a.mcap")
     assert law.name in text
     assert source.decode() in text
-    first, second, third = re.findall(r"^(?:<pre>)?hertzloop (.+?)(?:    #.*)?$", text, re.M)
     Path("aluminium-3mm.toml").write_text(read(Path("a.mcap")).scene_toml)
-    assert call(*first.split()).exit_code == 0
+    write = ("inspect", "a.mcap", "--law", str(law))
+    assert call(*write).exit_code == 0
     assert law.read_bytes() == source
-    assert call(*first.split()).exit_code == 2  # it is there now
-    for command in (f"{second} --transport compiled", third):
-        result = call(*command.split())
+    assert call(*write).exit_code == 2  # it is there now
+    again = ("run", "aluminium-3mm.toml", "--set", f"controller.law={law}", "--out", "b.mcap")
+    for command in ((*again, "--transport", "compiled"), ("compare", "b.mcap", "a.mcap")):
+        result = call(*command)
         assert result.exit_code == 0, result.output
-
-
-@pytest.mark.full
-def test_a_linear_loop_has_its_margin_on_the_page(tmp_path):
-    law = ["controller.law=velocity_feedback", "controller.kappa=0.4"]
-    text = page_of(tmp_path, "oak-20mm", ["run.duration_s=0.003", *law]).read_text()
-    assert "Linear margin of the loop in flight" in text
-    assert "latency limit: 497 steps" in text
-    assert "limited by modes (7, 1), (5, 5), (1, 7)" in text
-    assert 'src="data:image/png;base64,' in text
-    assert len(text) < 10e6

@@ -1,1 +1,0 @@
-"""The study `bench`: how fast a scene runs on this machine."""
