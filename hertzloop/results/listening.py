@@ -15,7 +15,7 @@ from hertzloop.plant.metrics.sound import FADE_FROM, Excitation, Grid, Radiator,
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.deflection import force_blocks, refuse_third_mass
+from hertzloop.results.deflection import force_blocks
 from hertzloop.results.impacts import Block
 from hertzloop.results.recorded import missing_from, pieces_of
 from hertzloop.scene.build import free_series
@@ -131,13 +131,8 @@ def _widths(x: np.ndarray) -> np.ndarray:
 
 
 def drive_of(setup: Setup, blocks: Iterable[Block]) -> Excitation:
-    """Return the forces on the plate from truth in blocks.
-
-    Raises:
-        SceneError: The run explodes, or a mass is at a point that is neither the contact's nor the
-            actuator's.
-    """
-    refuse_third_mass(setup.plant, "what the plate radiates is not known")
+    """Return the forces on the plate from truth in blocks. Raises SceneError for a run that
+    explodes."""
     contact, actuator = np.zeros(setup.steps), np.zeros(setup.steps)
     at = 0
     for _, forces in force_blocks(setup.plant, blocks):
