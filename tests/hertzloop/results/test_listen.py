@@ -10,7 +10,7 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.results import listening
 from hertzloop.scene.setup import load
 from tests.commands import refused, succeed
-from tests.hertzloop.scenes import json_in
+from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 SHORT = [
     "run.duration_s=0.004",
