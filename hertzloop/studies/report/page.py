@@ -32,6 +32,7 @@ def page_of(recording: Recording) -> ResultPage:
     found = assess_recording(setup, recording, without, why_not_repeatable(recording))
     metrics, verdict = found.result.metrics, verdict_sentences(found.assessment)
     unstable, law = metrics.stability.unstable, law_of(recording)
+    effects = sentences_of(metrics.neglected.checks)
     texts = [(setup.name, recording.scene_toml)]
     try:
         texts.append((f"{law.law} (law)", text_of_law(recording)))
@@ -43,7 +44,7 @@ def page_of(recording: Recording) -> ResultPage:
         lines=[
             *([] if unstable else verdict),
             *(line.replace("**", "") for line in shown.labels.lines),
-            *sentences_of(metrics.neglected.checks),
+            *(f"{head} {words}" for head, words in effects if not head.isupper()),
             f"Law: {law_line(law)}.",
             *no_text,
         ],
@@ -52,7 +53,11 @@ def page_of(recording: Recording) -> ResultPage:
         commands=_commands(recording) if law.as_announced else [],
         versions=recording.metadata.get("versions", ""),
         scenes=texts,
-        warnings=[*recording.problems, *(verdict if unstable else [])],
+        warnings=[
+            *recording.problems,
+            *(f"{head} {words}" for head, words in effects if head.isupper()),
+            *(verdict if unstable else []),
+        ],
     )
 
 
