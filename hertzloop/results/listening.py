@@ -52,13 +52,8 @@ def radiator_of(setup: Setup) -> Radiator:
     volume_m2 = shapes.reshape(len(modes.omega), -1) @ cells
     heard = abs(volume_m2) > _SILENT * np.max(abs(volume_m2), initial=0.0)
     return Radiator(
-<<<<<<< HEAD
-        omega=modes.omega[moved],
-        eta=(modes.eta + radiation_loss(structure, modes.omega))[moved],
-=======
         omega=modes.omega[heard],
         eta=np.broadcast_to(modes.eta, modes.omega.shape)[heard],
->>>>>>> 6b47fb44 (report, listen: one page with tables and three charts, and the sound on the axis)
         scale_per_kg=modes.scale_per_kg,
         at_contact=modes.at_contact[heard],
         at_actuator=modes.at_actuator[heard],
@@ -66,26 +61,6 @@ def radiator_of(setup: Setup) -> Radiator:
     )
 
 
-<<<<<<< HEAD
-def _too_many(modes: float, limit_hz: float) -> SceneError:
-    return SceneError(
-        f"about {modes:.4g} modes below {limit_hz:.3g} Hz radiate; the limit is "
-        f"{_MOST_MODES}. Use a "
-        "smaller or stiffer plate"
-    )
-
-
-def radiation_loss(structure: Structure, omega: np.ndarray) -> np.ndarray:
-    """Loss factors by what modes radiate, (modes,): a plate that rings on as in a vacuum radiates
-    more than it was given. Zero for what is no simply supported plate, whose efficiencies are not
-    known."""
-    if structure.separable is None:
-        return np.zeros(len(omega))
-    return air_loss_factor(structure.separable, omega / (2.0 * math.pi))
-
-
-def _of_file(table: ModeTable, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-=======
 def _shapes_of(setup: Setup, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the places of a grid along both sides, m, and the shapes of the modes on it."""
     structure = setup.plant.plate
@@ -96,7 +71,6 @@ def _shapes_of(setup: Setup, omega_max: float) -> tuple[np.ndarray, np.ndarray, 
         spacing_m = _half_wave_m(structure, omega_max) * 2.0 / _NODES_A_WAVE
         x, y = (_midpoints(length, spacing_m) for length in setup.size_m or (1.0, 1.0))
         return x, y, structure.on_grid(omega_max, x, y)
->>>>>>> 6b47fb44 (report, listen: one page with tables and three charts, and the sound on the axis)
     if table.grid is None:
         raise SceneError(
             "the file of plate.modes has no shapes on a grid, without which nothing can be heard; "
