@@ -7,7 +7,6 @@ EXTRAS = {
     "jinja2": "charts",
     "xarray": "python",
     "pymoo": "tune",
-    "gymnasium": "interop",
     "cryptography": "hosts",
     "fmpy": "interop",
     "h5py": "h5",

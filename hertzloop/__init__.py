@@ -13,7 +13,6 @@ TYPE_CHECKING = False  # of `typing`, which a program would import before it hea
 
 if TYPE_CHECKING:
     from hertzloop.api import *  # noqa: F403
-    from hertzloop.interop.environment import ImpactEnv as ImpactEnv
 
 
 def __getattr__(name: str) -> object:
@@ -22,11 +21,10 @@ def __getattr__(name: str) -> object:
         api = _import_module("hertzloop.api")
         if name == "__all__":
             return [*api.__all__, "__version__"]
-        if name in (*api.__all__, "ImpactEnv"):
+        if name in api.__all__:
             return getattr(api, name)
     raise AttributeError(f"module 'hertzloop' has no attribute '{name}'")
 
 
 def __dir__() -> list[str]:
-    # ImpactEnv needs gymnasium, so that `from hertzloop import *` leaves it out.
-    return [*_import_module("hertzloop.api").__all__, "__version__", "ImpactEnv"]
+    return [*_import_module("hertzloop.api").__all__, "__version__"]

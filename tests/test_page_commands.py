@@ -188,10 +188,6 @@ def test_the_commands_of_a_page_run_with_the_wheel(
 
     for name, text in FILE.findall((ROOT / page).read_text()):
         (tmp_path / name).write_text(text)
-    if page.name == "train.md":  # its program writes the law that the page runs
-        [text] = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
-        (tmp_path / "program.py").write_text(text)
-        ended("program", started("python program.py"))
     if str(page) in HAS:
         ended(HAS[str(page)], started(HAS[str(page)]))
     for lines in blocks(ROOT / page):

@@ -10,13 +10,13 @@ from hertzloop.api.measurements import fit, read_record, read_records
 from hertzloop.api.runs import Run, compare, read, run, simulate
 from hertzloop.api.scenes import load, scene_names, vary
 from hertzloop.api.studies import budget, linear, margin, modes, sweep, tune
-from hertzloop.common.optional_dependencies import need
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.scene import Scene
 
 if TYPE_CHECKING:
+    from hertzloop.api.stepper import Stepper
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
     from hertzloop.fitting.fit.errors import FitError
@@ -59,6 +59,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "SpanMetrics",
+    "Stepper",
     "StreamFault",
     "SweepRequest",
     "TuneRequest",
@@ -88,7 +89,7 @@ _NAMES_BY_MODULE = {
     "results.span_metrics": ("RunMetrics", "SpanMetrics"),
     "bus.port": ("BusError",),
     "bus.streams": ("StreamFault",),
-    "interop.environment": ("ImpactEnv",),
+    "api.stepper": ("Stepper",),
     "loop.run_options": ("OptionError",),
     "processes.launcher": ("RunFailed",),
     "recordings.writer": ("RecordingError",),
@@ -109,8 +110,6 @@ _MODULES = {name: module for module, names in _NAMES_BY_MODULE.items() for name 
 
 
 def __getattr__(name: str) -> Any:
-    if name == "ImpactEnv":
-        need("gymnasium")
     if name in _MODULES:
         return getattr(import_module(f"hertzloop.{_MODULES[name]}"), name)
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")

@@ -1,0 +1,79 @@
+"""The plant of a scene, one step at a time, for a loop of one's own."""
+
+import math
+
+from hertzloop.api.scenes import AnyScene, current
+from hertzloop.loop import kernels as loop_kernels
+from hertzloop.loop.plant_streams import empty_window
+from hertzloop.plant.plant import Balance
+from hertzloop.plant.state_kernels import STEP
+from hertzloop.scene.build import build_plant, build_sensor
+from hertzloop.scene.setup import resolve
+
+
+class Stepper:
+    """Plant, actuator and sensor of a scene, one step at a time.
+
+    The law and the line of the scene do not act: the caller says which force the actuator is told
+    at each step. Under the forces of a run, the samples have the bits of that run.
+
+    Args:
+        scene: the scene, or its name or TOML file.
+
+    Attributes:
+        sample: the latest sample of the sensor, in the unit of its quantity.
+        steps: number of steps of the scene.
+        step_s: length of a step, s.
+
+    Raises:
+        SceneError: the scene cannot be simulated.
+    """
+
+    def __init__(self, scene: AnyScene) -> None:
+        setup = resolve(current(scene))
+        self.steps, self.step_s = setup.steps, setup.step_s
+        self._plant = build_plant(setup)
+        self._sensor = build_sensor(setup, setup.steps + 1)  # the last step ends with a sample
+        self._window = empty_window(1, 1)
+        self.sample = self._go_on(0.0, 0)
+
+    @property
+    def steps_done(self) -> int:
+        """Number of steps done."""
+        return int(self._plant.state.counts[STEP])
+
+    def step(self, force_n: float) -> float:
+        """Run one step under a commanded force of the actuator.
+
+        Args:
+            force_n: the force, N, up on the plate.
+
+        Returns:
+            The latest sample, at the end of the step or before, if the sensor takes none there.
+
+        Raises:
+            ValueError: the force is not finite, or the last step of the scene is done.
+        """
+        if not math.isfinite(force_n):
+            raise ValueError(f"force_n = {force_n}: must be finite.")
+        if self.steps_done >= self.steps:
+            raise ValueError(f"the {self.steps} steps of the scene are done. Make a new Stepper.")
+        self.sample = self._go_on(force_n, 1)
+        return self.sample
+
+    def balance(self) -> Balance:
+        """Return energy (J) and momentum (N s) until now. Call it once, after the last step."""
+        return self._plant.close_balance()
+
+    def _go_on(self, force_n: float, steps: int) -> float:
+        plant, sensor = self._plant, self._sensor
+        loop_kernels.hold_command(
+            plant.model,
+            plant.state,
+            sensor.model,
+            sensor.state,
+            self._window,
+            float(force_n),
+            steps,
+        )
+        return float(self._window.values[0])
