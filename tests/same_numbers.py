@@ -21,13 +21,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / "tests" / "scenes"
 # Wall time, versions, and residuals, which are nothing but rounding.
 IGNORED = re.compile(
-    r"wall|real_time|realtime|seconds|waited|measured|residual|run_id|hertzloop|recording|digest"
+    r"wall|real_time|realtime|seconds|waited|measured|residual|run_id|hertzloop|recording|digest|^file|"
+    r"cases_per_s"
 )
 LATER = re.compile(r"(impacts|noise|controlled)/[1-9]|whole_run|demand|push|stability")
 KINDS = {  # by the end of a name, in this order
@@ -75,16 +77,30 @@ def values_of(checkout: Path, words: list[str], folder: Path) -> dict[str, Any]:
     for path in (results, recording, table):
         path.unlink(missing_ok=True)
     words = [word.replace("{root}", str(checkout)) for word in words]
-    runs = ["--transport", "compiled", "--out", recording.name] if words[0] == "run" else []
-    found: dict[str, Any] = {"exit code": hertzloop(*words, *runs, "--json", results.name)}
+    more = {
+        "run": ["--transport", "compiled", "--out", recording.name],
+        "sweep": ["--out", table.name],
+    }.get(words[0], [])
+    found: dict[str, Any] = {"exit code": hertzloop(*words, *more, "--json", results.name)}
     if results.exists():
         flatten(json.loads(results.read_text("utf-8")), "", found)
     if recording.exists():
         hertzloop("export", recording.name, "-o", table.name)
     if table.exists():
         second = found.get("impacts/1/start_s", math.inf)
-        samples = pq.read_table(table)
-        columns = {name: np.asarray(samples[name], float) for name in samples.column_names}
+        of_table = pq.read_table(table)
+        numeric = [
+            f.name
+            for f in of_table.schema
+            if pa.types.is_integer(f.type) or pa.types.is_floating(f.type)
+        ]
+        columns = {name: np.asarray(of_table[name], float) for name in numeric}
+        if "time_ns" not in columns:  # the cases of a sweep
+            return found | {
+                f"cases/{name}": column
+                for name, column in columns.items()
+                if not IGNORED.search(name)
+            }
         later = columns["time_ns"] * 1e-9 >= second - 1e-5
         for name, column in columns.items():
             found[f"samples/{name}"] = column[~later]
