@@ -59,9 +59,9 @@ def anything_compiled() -> bool:
     return any(cache_folder().glob(".compiled-*"))
 
 
-def all_compiled(*scenes: "Setup", works: Collection[Work] = RUN) -> bool:
-    """Whether `ensure_compiled` has nothing left to do. Raises SceneError."""
-    return not _missing(scenes, works)
+def not_compiled(*scenes: "Setup", works: Collection[Work] = RUN) -> set[Work]:
+    """Return for what `ensure_compiled` has something left to do. Raises SceneError."""
+    return {work for _, markers in _missing(scenes, works) for work in markers}
 
 
 def ensure_compiled(

@@ -16,7 +16,9 @@ from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import parse_setting
 from hertzloop.scene.plate_model import WARN_ABOVE_S, build_time_s
 from hertzloop.scene.setup import Setup, resolve
-from hertzloop.warmup import RUN, Work, all_compiled, anything_compiled, ensure_compiled
+from hertzloop.warmup import RUN, Work, anything_compiled, ensure_compiled, not_compiled
+
+_MODEL = "the model: about 15 s"
 
 
 def scene_from(
@@ -37,7 +39,7 @@ def scene_from(
     setup = resolve(load_scene(source, settings or (), seed))
 
     if not anything_compiled():
-        announce_compilation()
+        announce_compilation(_MODEL)
     spec = setup.plant
     takes_s = build_time_s(spec)
     if takes_s >= WARN_ABOVE_S:
@@ -93,9 +95,15 @@ def compile_first(*scenes: Setup, works: Collection[Work] = RUN) -> None:
     Raises:
         SceneError: A scene cannot be built.
     """
-    if all_compiled(*scenes, works=works):
+    missing = not_compiled(*scenes, works=works)
+    if not missing:
         return
-    announce_compilation()
+    what = _MODEL
+    if missing == {Work.PACED}:
+        what = "the plant of a paced run: some seconds"
+    elif anything_compiled():
+        what = "for this kind of scene or command: about 15 s"
+    announce_compilation(what)
 
     def end(_: int) -> None:
         # At once, since nothing is to be kept: what LLVM calls loses a KeyboardInterrupt.
@@ -112,6 +120,6 @@ def compile_first(*scenes: Setup, works: Collection[Work] = RUN) -> None:
 
 
 @cache
-def announce_compilation() -> None:
-    """Say why the next seconds are silent; once in a process."""
-    err.print("Compiling the model: about 15 s, once for this version of hertzloop.")
+def announce_compilation(what: str) -> None:
+    """Say why the next seconds are silent, and what is compiled; once in a process."""
+    err.print(f"Compiling {what}, once for this version of hertzloop.")

@@ -14,13 +14,12 @@ from hertzloop.cli.sweep_tables import (
 )
 from hertzloop.cli.terminal import err, out
 from hertzloop.common.readable import quantity
-from hertzloop.results.cases import SHOWN
 from hertzloop.results.spans import OTHER, Span
 from hertzloop.results.touch_phases import TOUCH_PHASE_KEY
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.rows import Rows, with_metric
+from hertzloop.studies.cases.rows import Rows, metrics_with_values, with_metric
 from hertzloop.studies.cases.touch_phases import grouped
 from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.sweep import sweep as sweep_study
@@ -85,9 +84,11 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
     if is_uncertain and has_metrics:
         out.print(quantiles_table(rows, [axis.key for axis in study.plan.design.axes]))
     phased = TOUCH_PHASE_KEY in keys and request.design == "grid" and not is_uncertain
-    over_phases = grouped(rows, keys, SHOWN) if phased else []
+    shown = tuple(metrics_with_values(rows))
+    over_phases = grouped(rows, keys, shown) if phased and shown else []
     if over_phases:
-        out.print(phases_table(over_phases, [key for key in keys if key != TOUCH_PHASE_KEY]))
+        others = [key for key in keys if key != TOUCH_PHASE_KEY]
+        out.print(phases_table(over_phases, others, shown[:2]))
     rate = results.ran / results.wall_s if results.wall_s else 0.0
     out.say(
         f"{results.ran} of {total} cases run in {results.wall_s:z.2f} s: {rate:z.0f} cases/s. "
@@ -109,7 +110,7 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
         "leaves_out": counted(rows, "leaves_out"),
         "out_of_range": out_of_range,
         "over_phases": [
-            {key: asdict(value) if key in SHOWN else value for key, value in group.items()}
+            {key: asdict(value) if key in shown else value for key, value in group.items()}
             for group in over_phases
         ],
         "results": str(study.results_file),

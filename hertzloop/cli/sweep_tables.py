@@ -1,12 +1,12 @@
 """Tables that the command `sweep` prints."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from hertzloop.results.cases import SHOWN
-from hertzloop.studies.cases.rows import with_metric
+from hertzloop.studies.cases.rows import metrics_with_values, with_metric
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.sweep.result import extremes
 from hertzloop.views.format import Table
@@ -19,7 +19,7 @@ def extremes_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     table = Table(title="Against no control")
     for heading in ("metric", "least", "at", "largest", "at"):
         table.add_column(heading, justify="left" if heading in ("metric", "at") else "right")
-    for metric, *words in extremes(rows, keys):
+    for metric, *words in extremes(rows, keys, metrics_with_values(rows)):
         table.add_row(metric, *words)
     return table
 
@@ -28,7 +28,7 @@ def cases_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Return keys and metrics of each case; of many cases every so many."""
     every = max(1, -(-len(rows) // _MOST_ROWS))
     shown = rows[::every]
-    names = [name for name in SHOWN if with_metric(rows, name)]
+    names = metrics_with_values(rows)
     count = f"{len(shown)} of {len(rows)} cases" if every > 1 else "All cases"
     right = [*(key.split(".")[-1] for key in keys), *names]
     table = Table(right=right, title=f"{count}, against no control")
@@ -46,7 +46,7 @@ def are_few(rows: list[dict[str, Any]]) -> bool:
 def quantiles_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     """Return median and 95 % range of metrics over the draws; a row for each setting of `keys`."""
     # As many metrics as fit side by side in 80 columns.
-    names = [name for name in SHOWN if with_metric(rows, name)][: max(2, 4 - len(keys))]
+    names = metrics_with_values(rows)[: max(2, 4 - len(keys))]
     right = [*(key.split(".")[-1] for key in keys), *names]
     table = Table(right=right, title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
     groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
@@ -62,12 +62,12 @@ def quantiles_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
     return table
 
 
-def phases_table(groups: list[dict[str, Any]], keys: list[str]) -> Table:
+def phases_table(groups: list[dict[str, Any]], keys: list[str], metrics: Sequence[str]) -> Table:
     """Return mean and range over the touch phase; a row for each setting of the other keys."""
-    right = [*(key.split(".")[-1] for key in keys), *SHOWN[:2]]
+    right = [*(key.split(".")[-1] for key in keys), *metrics]
     table = Table(right=right, title="Over touch phases: mean (least to most)")
     for group in groups[:_MOST_ROWS]:
-        table.add_row(*(short(group[key]) for key in keys), *(str(group[f]) for f in SHOWN[:2]))
+        table.add_row(*(short(group[key]) for key in keys), *(str(group[f]) for f in metrics))
     if len(groups) > _MOST_ROWS:
         table.caption = f"and {len(groups) - _MOST_ROWS} more; --json has them all"
     return table

@@ -112,6 +112,9 @@ class CaseMetrics:
                                     of="run.balance.energy_start_j")
     rebound_m_s: float = metric("speed of the striker after the last contact, m/s",
                                 of="metrics.rebound_speed_m_s")
+    rebound_height_mm: float = metric(
+        "height of a sphere after the last contact, by energy, mm", "rebound height", "mm",
+        of=lambda case: 1e3 * case.metrics.rebound_height_m)
     contact_us: float = metric("duration of the first contact, us",
                                of=lambda case: 1e6 * case.metrics.contact_time_s)
     impulse_n_s: float = metric("impulse of the contact force in the first contact, N s",

@@ -44,6 +44,8 @@ class Spread:
     most: float
 
     def __str__(self) -> str:
+        if np.isnan(self.mean):
+            return "-"
         return f"{self.mean:z.2f} ({self.least:z.2f} to {self.most:z.2f})"
 
 

@@ -5,6 +5,7 @@ import os
 import pytest
 
 from hertzloop import warmup
+from hertzloop.cli import prepare
 from hertzloop.scene.setup import Setup
 from tests.hertzloop.commands import python
 from tests.hertzloop.scenes import aluminium_3mm
@@ -37,21 +38,37 @@ def test_each_kind_of_plant_is_compiled_once(ran):
     assert not warmup.anything_compiled()
     for settings in KINDS.values():
         scene = aluminium_3mm(*COARSE, *settings)
-        assert not warmup.all_compiled(scene)
+        assert warmup.not_compiled(scene) == set(warmup.RUN)
         warmup.ensure_compiled(scene, on_progress=lambda share, what: told.append(share))
-        assert warmup.all_compiled(scene)
+        assert not warmup.not_compiled(scene)
     assert told == [0.5] * len(KINDS)
     assert warmup.anything_compiled()
     for more in (["sensors.bits=10"], ["controller.law=off"], ["plate.thickness_m=0.004"]):
-        assert warmup.all_compiled(aluminium_3mm(*COARSE, *more))
+        assert not warmup.not_compiled(aluminium_3mm(*COARSE, *more))
     assert [one.law_reference for one in ran] == ["off"] * len(KINDS) * len(warmup.RUN)
     assert all(one.duration_s < 0.0025 for one in ran)
+
+
+def test_each_compilation_says_what_is_compiled(ran, monkeypatch):
+    """Once for the model, and again, under its own name, for a first paced run."""
+    told: list[str] = []
+    monkeypatch.setattr(prepare, "announce_compilation", told.append)
+    scene, paced = aluminium_3mm(*COARSE), [*warmup.RUN, warmup.Work.PACED]
+    for works in (warmup.RUN, warmup.RUN, paced, paced):
+        prepare.compile_first(scene, works=works)
+    prepare.compile_first(aluminium_3mm(*COARSE, *KINDS["infinite"]))
+    assert [words.split(":")[0] for words in told] == [
+        "the model",
+        "the plant of a paced run",
+        "for this kind of scene or command",
+    ]
 
 
 SCRIPT = """
 import sys
 from pathlib import Path
 from hertzloop import warmup
+from hertzloop.cli import prepare
 from hertzloop.warmup import ensure_compiled
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.results.assessed_run import run_and_assess

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from hertzloop.results.cases import CaseFailed, CaseState
+from hertzloop.results.cases import SHOWN, CaseFailed, CaseState
 from hertzloop.scene.errors import SceneError
 
 Case = dict[str, Any]  # values by scene key
@@ -22,6 +22,15 @@ def metric_of(row: Row, metric: str) -> float:
 def with_metric(rows: Rows, metric: str) -> Rows:
     """Return the rows that have a metric."""
     return [row for row in rows if not math.isnan(metric_of(row, metric))]
+
+
+def metrics_with_values(rows: Rows) -> list[str]:
+    """Return the metrics that are shown of some cases: those that a case has. A rebound that is
+    zero without control has no share of that, so its height is shown."""
+    names = [name for name in SHOWN if with_metric(rows, name)]
+    if names and "rebound_percent" not in names:
+        names.insert(1, "rebound_height_mm")
+    return names
 
 
 def without_result(rows: Rows) -> Rows:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hertzloop.results.cases import SHOWN, CaseState
+from hertzloop.results.cases import CaseState
 from hertzloop.studies.cases.rows import Rows, with_metric, without_result
 from hertzloop.studies.pages.words import short
 
@@ -53,7 +53,7 @@ def counted(rows: Rows, column: str) -> dict[str, int]:
     return dict(Counter(names).most_common())
 
 
-def extremes(rows: Rows, keys: list[str], metrics: Sequence[str] = SHOWN) -> list[list[str]]:
+def extremes(rows: Rows, keys: list[str], metrics: Sequence[str]) -> list[list[str]]:
     """Return where each metric is least and largest, in words: its name, the least value and its
     keys, the largest value and its keys."""
     found = []

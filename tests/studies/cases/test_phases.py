@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -55,6 +56,18 @@ def test_a_sweep_over_phases(tmp_path, monkeypatch):
     )
     assert wrong.exit_code == 2
     assert "--phases 3 needs --design grid" in wrong.output.replace("\n", " ")
+
+
+def test_a_sweep_shows_the_height_of_a_rebound_that_is_zero_without_control(tmp_path, monkeypatch):
+    """Where a share of it has no value."""
+    monkeypatch.chdir(tmp_path)
+    words = ["sweep", "aluminium-20mm", *as_options(["run.duration_s=0.004"]), "--workers", "1"]
+    done = invoke([*words, "--over", "controller.latency_us=0,30", "--phases", "3", "-o", "a.csv"])
+    assert done.exit_code == 0, done.output
+    assert "nan" not in done.output
+    assert "rebound_height_mm" in done.output
+    [late] = [line for line in done.output.splitlines() if re.match(r"│ +30 │ .* to ", line)]
+    assert "1.5" in late.split("│")[3]
 
 
 def test_tuning_searches_by_the_mean_and_tells_the_range(pool):
