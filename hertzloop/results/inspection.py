@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Recording
-from hertzloop.results.metrics import metrics_of
+from hertzloop.results.metrics import free_metrics, metrics_of
 from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.recorded import (
     NEEDED_FIELDS,
@@ -52,8 +52,12 @@ class Inspected:
         return number_of(self.recording, "seed")
 
 
-def inspected(recording: Recording) -> Inspected:
+def inspected(recording: Recording, against_none: bool = False) -> Inspected:
     """Return the contents of a recording, with its metrics.
+
+    Args:
+        recording: The recording.
+        against_none: Whether the run is compared with the same without control.
 
     A file may hold any numbers. If no metrics follow from them, that is one more problem of the
     recording, not an error of the program.
@@ -67,7 +71,8 @@ def inspected(recording: Recording) -> Inspected:
             with np.errstate(all="ignore"):
                 metrics = metrics_of(setup, blocks_of(recording), missing_from(recording, setup))
                 result = recorded_result(setup, recording, metrics, law, pacing)
-                found = assess(setup, result, None, why_not_repeatable(recording))
+                free = free_metrics(setup) if against_none else None
+                found = assess(setup, result, free, why_not_repeatable(recording))
             return replace(bare, assessment=found)
     except (SceneError, RecursionError) as error:
         problem = f"the scene inside cannot be read: {error}{recording.other_version}"

@@ -95,14 +95,14 @@ def uncertain_text(
     decimals = _decimals(form, max(abs(low), abs(high), largest))
     if width > max(error, 0.5 * 10.0**-decimals):
         sign = "+" if form.startswith("+") else ""
-        for each in (width / 100.0, error):
+        for each in (width / 100.0, error / 3.0):  # an end may be wrong by some of its last digit
             if each > 0.0:
                 decimals = min(decimals, -math.floor(math.log10(each)) - 1)
         shown = [round(end, decimals) for end in (low, high)]
         ends = [f"{end:{sign}z,.{max(decimals, 0)}f}" for end in shown]
         if ends[0] != ends[1]:
             return " to ".join(ends)
-    if not math.isinf(error) and error <= 0.5 * 10.0**-decimals and abs(value) <= error:
+    if abs(value) <= error < math.inf and (value == 0.0 or error <= 0.5 * 10.0**-decimals):
         return f"{0.0:{form}}"
     return known_digits(value, form, error)
 

@@ -20,6 +20,7 @@ from hertzloop.recordings.replay.spectrum import spectrum
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.curves import Overlay, overlay
 from hertzloop.results.deflection import deflection
+from hertzloop.results.inspection import inspected
 from hertzloop.results.recorded import pacing_of, pieces_of
 from hertzloop.results.stability import StabilityAccumulator
 from hertzloop.scene.build import free_series
@@ -28,6 +29,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 from hertzloop.views import provenance
 from hertzloop.views.pacing import lateness_sentences
+from hertzloop.views.verdict import verdict_sentences
 
 has_display = viewer.has_display
 _OF_REFERENCE = ("xi", "F_c", "F_a", "v_p", "plate")
@@ -79,6 +81,7 @@ def prepare(
     other: Recording | None = None,
     alone: bool = False,
     drawn: str = "Faint",
+    verdict: bool = True,
 ) -> ReplayData:
     """Return the data of a replay.
 
@@ -87,27 +90,33 @@ def prepare(
         other: Recording to compare with; None: the run without control.
         alone: Whether the recording is shown without a comparison.
         drawn: How the curves of the run without control look, in a word.
+        verdict: Whether the text begins with the verdict on the run against that without control.
 
     Raises:
         RecordingError: There is nothing to replay, or the scene inside cannot be read.
     """
     # Deflections follow from all forces before them: where some are missing, the replay ends.
-    recording = _without_gap(recording)
+    whole, recording = recording, _without_gap(recording)
     check_replayable(recording)
     setup = scene_of(recording)
     contacts = contacts_of(recording.truth.pieces())
     plate = deflection(setup, recording, contacts=contacts)
     reference: _Reference | None = None
     lines: list[str] = []
+    sentences: list[str] = []
     if other is not None:
         reference, lines = _other_recording(recording, setup, contacts, other)
     elif not alone and setup.has_law:
         try:
             reference = _without_control(recording, setup, contacts)
             lines = [f"{drawn}: the same without control."]
+            if verdict:
+                found = inspected(whole, against_none=True).assessment
+                sentences = verdict_sentences(found) if found else []
         except SceneError as error:
             lines = [f"The run without control cannot be simulated: {error}"]
     labels = _labels(recording, setup, contacts, reference, lines)
+    labels = dataclasses.replace(labels, lines=[*sentences, *labels.lines])
     return prepare_replay(recording, plate, labels, contacts)
 
 

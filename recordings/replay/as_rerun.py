@@ -197,10 +197,7 @@ def _about(replay: ReplayData, still: bool) -> str:
     elif len(replay.contacts) > _MOST_LISTED:
         lines += [f"{len(replay.contacts)} contacts; the first {_MOST_LISTED} are listed.", ""]
     if len(replay.contacts) > 1:  # they may be chaotic; what is known of them no recording has
-        lines += [
-            "Digits as recorded. `hertzloop run` prints the predictable digits of later contacts.",
-            "",
-        ]
+        lines += ["Numbers of single contacts have the digits that were recorded.", ""]
     if not replay.deflection.known:
         lines += ["The mode file has no shapes (x_m, y_m, shape_grid).", ""]
     lines += [f"Heights are drawn {replay.drawn.in_words}"]

@@ -11,6 +11,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+import hertzloop
 from hertzloop.loop import in_process
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
@@ -121,12 +122,17 @@ def test_the_reference_without_control_is_the_uncontrolled_run(file):
     shown = replaying.prepare(read(file))
     curves = {c.name: c for p in shown.plots for c in p.curves}
     assert curves["v_p_reference"].values.tobytes() == free.truth[V_P].tobytes()
-    assert shown.labels.lines[:2] == [
+    data = hertzloop.read(file)
+    own = len(data.verdict)
+    assert shown.labels.lines[:own] == data.verdict
+    assert " to " in " ".join(data.verdict)  # a range, as the run prints it
+    lines = shown.labels.lines[own:]
+    assert lines[:2] == [
         "R = 3 mm, steel, on 3 mm aluminium, drop 50 mm",
         "slope_threshold, kappa 0.8, v_thr -0.25 m/s, lead 0 us, latency 0 us, ideal sensor",
     ]
-    assert shown.labels.lines[2] == "Faint: the same without control."
-    assert "run.duration_s = 0.003 (0.35)" in shown.labels.lines[3]
+    assert lines[2] == "Faint: the same without control."
+    assert "run.duration_s = 0.003 (0.35)" in lines[3]
     energies = {c.name: c.values for p in shown.plots if p.key == "energy" for c in p.curves}
     parts = energies["sphere"] + energies["plate"] + energies["contact"] - energies["fed"]
     np.testing.assert_allclose(parts, parts[0], rtol=1e-9)
@@ -140,7 +146,8 @@ def test_an_exploding_loop_is_drawn_by_its_first_contact(tmp_path):
     )
     record_in_process(unstable, tmp_path / "a.mcap", compiled=True)
     shown = replaying.prepare(read(tmp_path / "a.mcap"))
-    assert shown.labels.lines[0].startswith("**Unstable** from 7.547 ms")
+    assert shown.labels.lines[0].startswith("UNSTABLE: ")
+    assert any(line.startswith("**Unstable** from 7.547 ms") for line in shown.labels.lines)
     assert shown.drawn.heights >= 10.0
     assert np.abs(scene3d.vertices(shown.deflection, shown.drawn)[..., 2]).max() <= 0.16
     assert shown.when.still_ns + shown.when.zoom_ns[1] < 7_650_000

@@ -27,7 +27,7 @@ def page_of(recording: Recording) -> ResultPage:
         RecordingError: The recording cannot be read or replayed.
         SceneError: Its scene cannot be simulated.
     """
-    setup, shown = scene_of(recording), prepare(recording, drawn="Dashed")
+    setup, shown = scene_of(recording), prepare(recording, drawn="Dashed", verdict=False)
     without = free_metrics(setup) if shown.labels.reference is not None else None
     found = assess_recording(setup, recording, without, why_not_repeatable(recording))
     metrics, verdict = found.result.metrics, verdict_sentences(found.assessment)
