@@ -1,8 +1,9 @@
 """Does the automatic choice of modes meet what was asked? Scenes drawn at random.
 
-The first impact without control, of the default scheme at 1 us: error of the gap (relative to its
-largest value in contact), of the rebound speed (to the impact speed) and of the plate energy (to
-itself), against twice the modes that any request chose and half the step.
+The first impact without control, of the default scheme at 1 us, is compared with twice the modes
+that any request chose and half the step. Each error is relative: that of the gap to its largest
+value in contact, that of the rebound speed to the impact speed, that of the plate energy to the
+plate energy of the comparison.
 """
 
 import math

@@ -14,7 +14,7 @@ from tests.test_wheel import installed, wheels  # noqa: F401  (fixtures)
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = ROOT / "docs" / "examples"
-PROGRAMS = ("hertzloop ", "python ", "python3 ", "protoc ", "cc ", "cd ", "mkdir ", "pip ",
+PROGRAMS = ("hertzloop ", "python ", "python3 ", "cc ", "cd ", "mkdir ", "pip ",
             "pytest", "git ", "cmake ", "nanopb_generator ", "./")  # fmt: skip
 # Blocks of files that a page asks the reader to save; their first line is a comment with the name.
 FILE = re.compile(r"```py\n# (\w+\.py)\n(.*?)```", re.DOTALL)
@@ -24,7 +24,6 @@ LEFT_OUT = {
     "pip install": "installs",
     "git clone": "fetches",
     "python -m benchmarks.": "a program of the clone",
-    "protoc ": "a program that need not be here; grpc_tools has the same",
     "cmake ": "needs the sources of zenoh-pico",
     "nanopb_generator ": "needs nanopb",
     "cc -O2 -std=gnu11 -ffp-contract=off -DZENOH_LINUX": "as before",
@@ -61,6 +60,7 @@ HAS = {
     "docs/how-to/recordings.md": "hertzloop run aluminium-3mm --out A.mcap && "
     "hertzloop run aluminium-3mm --set controller.latency_us=1 --out B.mcap",
     "docs/how-to/latency-trace.md": f"cp {EXAMPLES}/latency/* .",
+    "docs/reference/wire.md": f"cp {EXAMPLES}/own_controller.py my_controller.py",
     "docs/tutorials/fit.md": f"cp {EXAMPLES}/bench* .",
 }
 BEFORE = {

@@ -28,6 +28,7 @@ _PATHS = {
     ),
     "a sample every third step": ("sensors.every_steps=3", "controller.latency_us=4"),
 }
+_ROUNDING = 8.0  # units of the last bit
 _HORIZON = 100  # steps between two exchanges at most, in the case that repeats the first
 
 
@@ -101,4 +102,18 @@ def _compare(forces: np.ndarray, expected: np.ndarray, other: str, setup: Setup)
     raise WrongForce(
         f"the controller's force of step {at} ({1e3 * at * setup.step_s:.6g} ms) is "
         f"{float(forces[at])!r} N, that of {other} is {float(expected[at])!r} N"
+        + _last_bits(forces[differs], expected[differs])
+    )
+
+
+def _last_bits(forces: np.ndarray, expected: np.ndarray) -> str:
+    """Say of forces that differ if they differ by rounding alone; else nothing."""
+    size = np.spacing(np.maximum(np.abs(forces), np.abs(expected)))
+    largest = float(np.max(np.abs(forces - expected) / size))
+    if not largest <= _ROUNDING:
+        return ""
+    how = f"by at most {largest:g} in the last bit" if largest else "in the sign of zero alone"
+    return (
+        f". The {len(forces):,} forces that differ do so {how}, so that the law is the same. "
+        "Compute in the same order, and compile without fused multiply-add (-ffp-contract=off)."
     )

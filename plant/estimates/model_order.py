@@ -1,7 +1,7 @@
 """How many frequencies a scene needs: an a-priori estimate of what truncation costs.
 
-What is left out near the contact acts as a spring in series with it, and what is left out above the
-frequencies of the impact is energy that the plate does not take.
+The modes that are left out act as a spring between the sphere and the plate. Those among the
+frequencies of the impact would also take energy.
 """
 
 import math

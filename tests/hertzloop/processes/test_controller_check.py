@@ -4,6 +4,8 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import psutil
@@ -11,10 +13,12 @@ import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
+from hertzloop.processes.controller_check import WrongForce, compare_blocks
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import parse
 from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.own_laws import EXAMPLES
+from tests.hertzloop.scenes import aluminium_3mm
 from tests.ports import free_ports
 
 PLACES = "--name {name} --listen {listen} --connect {connect}"
@@ -112,3 +116,27 @@ def test_a_program_ends_with_the_run(tmp_path):
     stays = f"""sh -c "echo $$ > {pid}; {EXAMPLE}; sleep 500" """
     run_with(stays, tmp_path)
     assert not psutil.pid_exists(int(pid.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("forces", "words"),
+    [
+        (
+            [0.0, np.nextafter(3.0, 4.0), 0.1],
+            "by at most 1 in the last bit, so that the law is the",
+        ),
+        ([-0.0, 3.0, 0.1], "The 1 forces that differ do so in the sign of zero alone"),
+        ([0.0, 3.0 + 1e-9, 0.1], ""),
+    ],
+)
+def test_a_difference_of_the_last_bit_is_called_that(forces, words):
+    found, expected = (
+        SimpleNamespace(force=SimpleNamespace(arrays={"force_n": np.array(each)}))
+        for each in (forces, [0.0, 3.0, 0.1])
+    )
+    one: Any = found
+    other: Any = expected
+    with pytest.raises(WrongForce) as error:
+        compare_blocks(one, other, aluminium_3mm())
+    assert words in str(error.value)
+    assert bool(words) == ("fused multiply-add" in str(error.value))
