@@ -80,7 +80,7 @@ def test_where_modes_overlap_or_the_omitted_ones_prevail_it_is_said():
     assert "no single mode limits it" in mode_line(None, 400e3)
     overlapping = binding_mode(setup, 4623.6)
     assert overlapping is not None
-    assert "as modes overlap there" in mode_line(overlapping, 4623.6)
+    assert "as other modes overlap with it" in mode_line(overlapping, 4623.6)
 
 
 @pytest.mark.parametrize("kappa", [0.4, 1.1])
@@ -88,34 +88,11 @@ def test_the_picture_shows_limit_and_state(kappa):
     setup = load("oak-20mm", [*VELOCITY, f"controller.kappa={kappa}"])
     margin = margin_of(setup)
     sheet = draw(setup, margin)
-    gain, nyquist, poles, latencies = sheet.axes[:4]
+    gain, nyquist = sheet.axes
     assert ("unstable" if kappa > 1.0 else "stable") in sheet.get_suptitle()
     assert f"{margin.binding_frequency_hz:.4g} Hz" in gain.get_legend().get_texts()[0].get_text()
     [line] = [one for one in nyquist.lines if one.get_label() == "L"]
     assert np.isfinite(line.get_xydata()).all()
-    [own] = [one for one in poles.lines if "this scene" in str(one.get_label())]
-    assert (np.max(own.get_ydata()) > 0.0) == (not margin.stable)
-    [growth] = [one for one in latencies.lines if one.get_label() == "fastest growth"]
-    at, rate = np.asarray(growth.get_xydata()).T
-    for first, end in margin.stable_windows_us or []:
-        inside = (at >= first) & (at <= (np.inf if end is None else end))
-        assert np.all(rate[inside] < 0.0)
-        if kappa < 1.0:
-            assert np.all(rate[~inside] > 0.0)
-
-
-def test_a_real_pole_counts_whatever_the_sign_of_its_rounding():
-    low_pass = "[[-2.3199437104655045, -2.3199437104655045, 0.0, 1.0, -0.9690674171937933, 0.0]]"
-    setup = load("oak-20mm", ["controller.law=linear", f"controller.sections={low_pass}"])
-    [growth] = [
-        one
-        for one in draw(setup, margin_of(setup)).axes[3].lines
-        if one.get_label() == "fastest growth"
-    ]
-    loop = loop_of(plant_in_flight(setup), law_filter(setup), 1, 0)
-    for at_us, rate in np.asarray(growth.get_xydata()):
-        poles = closed_loop_poles(loop.plant, loop.law, round(at_us) + 1)
-        assert rate == pytest.approx(np.log(np.abs(poles).max()) / setup.step_s, rel=1e-9)
 
 
 def test_the_command_writes_picture_numbers_and_plant(tmp_path):
