@@ -92,8 +92,8 @@ def parse_record_table(table: Mapping[str, Any], name: str) -> Measurement:
         found = _CHECKED.validate_python(dict(table))
     except ValidationError as error:
         first = error.errors()[0]
-        key = first["loc"][0]
-        raise RecordError(f"record.{key} = {table[str(key)]}: {first['msg']} in {name}.") from None
+        wrong = str(first["loc"][0])
+        raise RecordError(f"record.{wrong} = {table[wrong]}: {first['msg']} in {name}.") from None
     _check_together(found, table, name)
     quantity = found.quantity
     return replace(found, quantity=NAMES.get(quantity, quantity) if quantity else None)

@@ -7,7 +7,7 @@ import re
 from typing import NamedTuple
 
 
-class Unit(NamedTuple):
+class UnitSize(NamedTuple):
     """The SI unit of a quantity, and the size of a unit in it."""
 
     si: str
@@ -15,26 +15,26 @@ class Unit(NamedTuple):
 
 
 UNITS = {
-    "N": Unit("N", 1.0),
-    "kN": Unit("N", 1e3),
-    "mN": Unit("N", 1e-3),
-    "lbf": Unit("N", 4.4482216152605),
-    "m/s": Unit("m/s", 1.0),
-    "mm/s": Unit("m/s", 1e-3),
-    "um/s": Unit("m/s", 1e-6),
-    "m/s^2": Unit("m/s^2", 1.0),
-    "mm/s^2": Unit("m/s^2", 1e-3),
-    "g": Unit("m/s^2", 9.80665),
-    "m": Unit("m", 1.0),
-    "mm": Unit("m", 1e-3),
-    "um": Unit("m", 1e-6),
-    "nm": Unit("m", 1e-9),
-    "s": Unit("s", 1.0),
-    "ms": Unit("s", 1e-3),
-    "us": Unit("s", 1e-6),
-    "ns": Unit("s", 1e-9),
-    "V": Unit("V", 1.0),
-    "mV": Unit("V", 1e-3),
+    "N": UnitSize("N", 1.0),
+    "kN": UnitSize("N", 1e3),
+    "mN": UnitSize("N", 1e-3),
+    "lbf": UnitSize("N", 4.4482216152605),
+    "m/s": UnitSize("m/s", 1.0),
+    "mm/s": UnitSize("m/s", 1e-3),
+    "um/s": UnitSize("m/s", 1e-6),
+    "m/s^2": UnitSize("m/s^2", 1.0),
+    "mm/s^2": UnitSize("m/s^2", 1e-3),
+    "g": UnitSize("m/s^2", 9.80665),
+    "m": UnitSize("m", 1.0),
+    "mm": UnitSize("m", 1e-3),
+    "um": UnitSize("m", 1e-6),
+    "nm": UnitSize("m", 1e-9),
+    "s": UnitSize("s", 1.0),
+    "ms": UnitSize("s", 1e-3),
+    "us": UnitSize("s", 1e-6),
+    "ns": UnitSize("s", 1e-9),
+    "V": UnitSize("V", 1.0),
+    "mV": UnitSize("V", 1e-3),
 }
 
 
