@@ -32,8 +32,8 @@ NAMES = {
     "Step by step": """api.stepper.Stepper""",
     "Exceptions": """scene.errors.SceneError loop.run_options.OptionError
         studies.cases.axis.DesignError fitting.records.errors.RecordError
-        fitting.fit.errors.FitError processes.launcher.RunFailed bus.port.BusError bus.streams.StreamFault
-        recordings.writer.RecordingError studies.cases.workers.WorkersLost
+        fitting.fit.errors.FitError processes.launcher.RunFailed bus.port.BusError
+        bus.streams.StreamFault recordings.writer.RecordingError studies.cases.workers.WorkersLost
         results.cases.UnstableLoop results.cases.CaseFailed""",
     "Laws": """controller.law.Keys controller.law.LawContext controller.law.ForceBound
         controller.law.Response controller.law.kernel""",
@@ -49,8 +49,8 @@ def page() -> str:
         "# Python interface",
         "",
         "[Use Python and notebooks](../how-to/python.md) has examples. The names of numbers end in "
-        "their units: `_m`, `_us`, `_n`, `_n_s` (N s), `_db`. `import hertzloop` offers the functions "
-        "and their classes, `hertzloop.law` the names of a law.",
+        "their units: `_m`, `_us`, `_n`, `_n_s` (N s), `_db`. `import hertzloop` offers functions "
+        "and classes, `hertzloop.law` the names of a law.",
         "",
     ]
     for heading, names in NAMES.items():
