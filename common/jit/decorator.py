@@ -21,9 +21,8 @@ def kernel(
     """Compile a function on its first call, as `@kernel` or `@kernel(...)`.
 
     A kernel divides as NumPy does: by zero gives infinity or NaN. It releases the interpreter lock.
-    Those of hertzloop are kept on disk, in a folder named by a digest of their sources and
-    of Numba's settings. With
-    NUMBA_DISABLE_JIT=1 the function stays plain Python.
+    Those of hertzloop are kept on disk, in a folder named by a digest of their sources and of
+    Numba's settings. With NUMBA_DISABLE_JIT=1 the function stays plain Python.
 
     Args:
         function: a function of numbers, arrays and NamedTuples of these.
