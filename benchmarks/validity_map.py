@@ -162,7 +162,7 @@ def run(setup: Setup, results: Results, count: int = 61) -> Sizes:
     )
     ball, sheet = setup.sphere.material, setup.structure.material
     about = (
-        f"{setup.striker_material or 'own'} on {setup.plate_material or 'own'} "
+        f"{setup.sphere_material or 'own'} on {setup.plate_material or 'own'} "
         f"({sheet.youngs_modulus_pa * 1e-9:.3g} GPa), dropped from "
         f"{1e3 * setup.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:z.0f} kg/m3"
     )

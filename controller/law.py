@@ -65,8 +65,7 @@ class LawContext:
         step_ns: length of a step, ns.
         every_steps: steps from one sample to the next.
         horizon_steps: steps from a sample to the first step on which its force acts.
-        stiffness: contact stiffness s, N/m^exponent.
-        exponent: of the penetration in the contact force; 1.5 is Hertz's.
+        stiffness: contact stiffness s, N/m^1.5.
         sphere_mass_kg: mass of the sphere, kg.
         impact_speed_m_s: speed of the sphere at the first touch, m/s.
         impedance_n_s_m: impedance of an infinite plate at the contact point, N s/m; nan if the
@@ -84,7 +83,6 @@ class LawContext:
     every_steps: int = 1
     horizon_steps: int = 1
     stiffness: float = 1.0
-    exponent: float = 1.5
     sphere_mass_kg: float = math.inf
     impact_speed_m_s: float = 0.0
     impedance_n_s_m: float = math.inf

@@ -19,6 +19,7 @@ from hertzloop.plant.state_kernels import (
     DENT,
     FLIGHT_V,
     FLIGHT_X,
+    GRAVITY_M_S2,
     NEWTON_MAX,
     NEWTON_TOTAL,
     STEP,
@@ -173,8 +174,7 @@ def common_fields(spec: PlantSpec) -> dict[str, Any]:
     sphere, contact = spec.sphere, spec.contact
     return {
         "mass_kg": sphere.mass_kg,
-        "gravity_m_s2": sphere.gravity_m_s2,
-        "hand": sphere.hand,
+        "gravity_m_s2": GRAVITY_M_S2,
         "stiffness": contact.stiffness,
         "viscous_n_s_m": contact.viscous_n_s_m,
         "hunt_crossley_s_m": contact.hunt_crossley_s_m,
@@ -269,7 +269,7 @@ class Plant(ABC):
         spec = self.spec
         state.body[FLIGHT_X], state.body[FLIGHT_V] = state_kernels.released(
             float(spec.sphere.impact_speed_m_s),
-            spec.sphere.gravity_m_s2,
+            GRAVITY_M_S2,
             float(spec.lead_in_s),
             spec.step_s,
             float(self.touch_phase),

@@ -1,10 +1,8 @@
 """What every scheme shares: its state by index, the sphere in flight, a mode in free vibration."""
 
 import math
-from typing import NamedTuple
 
 from hertzloop.common.jit import kernel
-from hertzloop.common.jit.by_type import by_type, no, nothing
 
 # Indices into a state's body (m, m/s, N).
 # V_P: plate velocity at the end of the last step, before the forces of the next one act; A_P: mean
@@ -28,10 +26,9 @@ MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPA
 TRUNCATED_DISSIPATED = 5
 BALANCE_SIZE = 6
 # Indices into a state's counts.
-# AWAKE: number of modes, from the lowest on, that have not died away. WITHDRAWN: whether a hand has
-# taken back the striker.
-STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, FREE_SINCE, AWAKE, WITHDRAWN = range(8)
-COUNTS_SIZE = 8
+# AWAKE: number of modes, from the lowest on, that have not died away.
+STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, FREE_SINCE, AWAKE = range(7)
+COUNTS_SIZE = 7
 
 # In flight a mode below this is set to zero and left out: far below anything a double can show, and
 # it avoids denormal numbers, which are 50 times slower.
@@ -111,37 +108,3 @@ def speed_now(gravity, step_s, body, counts):
     """Velocity of the sphere at the present step, m/s, up positive."""
     flight_s = (counts[STEP] - counts[FLIGHT_STEP]) * step_s
     return body[FLIGHT_V] - gravity * flight_s
-
-
-AWAY_M = 1.0  # gap of a striker that was withdrawn, for the contact
-_FREE_STEPS = 2.0  # after a contact, in which the rebound is seen
-_LEAST_GAP_M = 1e-15
-
-
-class HammerWithdrawal(NamedTuple):
-    """Withdraws a striker after its first contact, at least as fast as it came (m/s)."""
-
-    speed_m_s: float
-
-
-@kernel(inline=True)
-def _is_withdrawn(hand, counts):
-    return counts[WITHDRAWN] == 1
-
-
-@kernel(inline=True)
-def _withdraw(hand, model, state):
-    body, counts = state.body, state.counts
-    if body[XI] >= 0.0 and counts[CONTACT_STEPS] > 0:
-        counts[WITHDRAWN] = 1
-    if counts[WITHDRAWN] == 1:
-        steps = counts[STEP] + 1 - counts[FLIGHT_STEP]
-        least = hand.speed_m_s * (steps - _FREE_STEPS) * model.step_s
-        body[XI] = max(body[XI], max(least, _LEAST_GAP_M))
-        body[XI_S] = body[XI_P] + body[XI]
-
-
-# Whether a striker was withdrawn, so that it touches nothing more; and let a hand move it, before
-# the count of steps goes on. Balances keep the speed with which it left: they end at the hand.
-withdrawn = by_type({type(None): no, HammerWithdrawal: _is_withdrawn})
-withdraw = by_type({type(None): nothing, HammerWithdrawal: _withdraw})

@@ -13,11 +13,11 @@ from hertzloop.plant.state_kernels import V_P_OF_STEP
 # Columns by the names of the fields of the message `TruthBlock`: unit, meaning. Positions and
 # velocity are values at the start of the step, forces are means over it.
 TRUTH = {
-    "xi_m": ("m", "gap: striker's lowest point minus plate surface"),
-    "xi_s_m": ("m", "striker's lowest point"),
+    "xi_m": ("m", "gap: sphere's lowest point minus plate surface"),
+    "xi_s_m": ("m", "sphere's lowest point"),
     "xi_p_m": ("m", "plate at the contact point"),
     "v_p_m_s": ("m/s", "plate velocity at the contact point at the start of the step"),
-    "f_c_n": ("N", "contact force, mean of the step, up on the striker"),
+    "f_c_n": ("N", "contact force, mean of the step, up on the sphere"),
     "f_a_n": ("N", "actuator force, mean of the step, up on the plate"),
     "xi_a_m": ("m", "plate at the actuator"),
     "f_c1_n": ("N", "slope of the contact force over the step: f_c + f_c1 (2 t/h - 1)"),

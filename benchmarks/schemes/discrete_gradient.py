@@ -41,7 +41,7 @@ from hertzloop.plant.state_kernels import BALANCE_SIZE, BODY_SIZE, COUNTS_SIZE
 from hertzloop.plant.structures.modes import Oscillators
 
 NAME = "discrete_gradient"
-SCHEME = Scheme(f"{__name__}:DiscreteGradientPlant", supports_hammer=True)
+SCHEME = Scheme(f"{__name__}:DiscreteGradientPlant")
 
 
 @contextmanager

@@ -13,12 +13,11 @@ fast-math is used, so the bits do not depend on who calls or on the vector width
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.plant import state_kernels
 from hertzloop.plant.state_kernels import (
     A_P,
     CONTACT_DISSIPATED,
@@ -72,7 +71,6 @@ class PlantModel(NamedTuple):
     stiffness: float
     viscous_n_s_m: float
     hunt_crossley_s_m: float
-    hand: Any  # of hertzloop.plant.state_kernels; its type decides what is compiled
     damped: bool
     rho: float
     gain_cc: float
@@ -309,8 +307,6 @@ def step(model, state, f_a):
     xi_free = sphere - plate
     f_c = 0.0
     touches = body[XI] <= 0.0 or xi_free < 0.0
-    if state_kernels.withdrawn(model.hand, counts):
-        touches = False
     if touches:
         ballistic = 0.5 * h * h / model.mass_kg
         f_c, f_damping, iterations = solve_contact(
@@ -337,7 +333,6 @@ def step(model, state, f_a):
     body[XI_P] = plate
     body[V_P] = speed
     body[XI_A] = actuator
-    state_kernels.withdraw(model.hand, model, state)
     body[F_C] = f_c
     body[F_A] = f_a
     counts[STEP] += 1

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hertzloop.controller.law import ACTING, IDLE, WATCHING, LawContext, LawError, kernel
+from hertzloop.controller.law import ACTING, IDLE, WATCHING, kernel
 
 
 class State:
@@ -30,16 +30,6 @@ class Constants(NamedTuple):
     lead_samples: int
     slope_weights: np.ndarray
     contact_level: float = 0.0  # samples up to here are in contact
-    exponent: float = 1.5  # of the contact force
-
-
-def refuse_without_hertz(about: LawContext, law: str) -> None:
-    """Raise LawError for a contact that is not Hertz's, on a law whose model is."""
-    if about.exponent != 1.5:
-        raise LawError(
-            f"controller.law = '{law}': models a contact force with exponent 1.5, not "
-            f"{about.exponent:g}. Use another law, or hammer.tip_exponent = 1.5."
-        )
 
 
 def constants_with(*names: str) -> Any:
@@ -92,10 +82,8 @@ def watch(p, s, samples, i):
 
 @kernel
 def hertz(p, xi):
-    """kappa s p^n, N, with Hertz's n of 3/2 unless the contact has another."""
+    """kappa s p^(3/2), N."""
     depth = max(-xi, 0.0)
-    if p.exponent != 1.5:
-        return p.kappa * p.stiffness * depth**p.exponent
     return p.kappa * p.stiffness * depth * math.sqrt(depth)
 
 

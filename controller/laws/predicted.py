@@ -12,7 +12,6 @@ from pydantic import Field
 from hertzloop.controller import law
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws._local_model import look_ahead
-from hertzloop.controller.laws._threshold import refuse_without_hertz
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
     command_ahead,
@@ -41,8 +40,7 @@ Constants = constants_with("watch_level", "mass_kg", "impedance_n_s_m")
 
 
 def prepare(keys, about: law.LawContext) -> Any:
-    """Constants for the run's latency. Raises LawError for a contact that is not Hertz's."""
-    refuse_without_hertz(about, "predicted")
+    """Constants for the run's latency."""
     return Constants(
         keys.kappa,
         keys.v_thr_m_s,
@@ -51,7 +49,6 @@ def prepare(keys, about: law.LawContext) -> Any:
         lead_samples=round(about.horizon_s / about.sample_s),
         slope_weights=slope_weights(keys.window_samples, about.sample_s),
         contact_level=0.0,
-        exponent=about.exponent,
         watch_level=max(2.0 * about.impact_speed_m_s * about.horizon_s, 0.0),
         mass_kg=about.sphere_mass_kg,
         impedance_n_s_m=about.impedance_n_s_m,

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from hertzloop.controller.law import ForceBound, LawContext
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws._local_model import acceleration
-from hertzloop.controller.laws._threshold import refuse_without_hertz
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     Parameters,
     State,
@@ -30,7 +29,6 @@ class _Impact(NamedTuple):
 
 def prepare(keys, about: LawContext) -> slope_threshold.Constants:
     """Constants of the published law with another threshold. Raises LawError as `predicted`."""
-    refuse_without_hertz(about, "shifted_threshold")
     v_thr = shifted_threshold_m_s(
         about.stiffness,
         about.sphere_mass_kg,

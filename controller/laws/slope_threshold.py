@@ -42,7 +42,6 @@ def prepare(keys, about: law.LawContext, window: int = 2) -> Constants:
         about.sample_s,
         lead,
         weights,
-        exponent=about.exponent,
     )
 
 

@@ -56,29 +56,27 @@ def variables(image: Image) -> list[Variable]:
     """All variables in the order of their value references, the time first."""
     setup = image.setup
     unit, meaning = SENSED[setup.quantity][:2]
-    so_far, striker = "so far", setup.sphere
-    noun, tip = striker.noun, striker.touches
-    the_drop = "the drop" if striker.gravity_m_s2 else "a fall to the speed of the hit"
+    so_far = "so far"
     return [
         Variable("time", "s", "simulated time", "independent"),
         Variable("force_command", "N", "commanded actuator force, up positive, held over the step",
                  "input", start=0.0),
-        Variable("drop_height", "m", f"height of {the_drop}; modes, damping and the converter's "
+        Variable("drop_height", "m", "height of the drop; modes, damping and the converter's "
                  "range stay those of the scene", "parameter", start=setup.sphere.drop_height_m),
         Variable("noise_seed", "", "seed of the sensor's noise and of a random touch phase",
                  "parameter", whole=True, start=setup.seed),
         Variable("sample", unit, f"latest {meaning}, as read"),
         Variable("sample_code", "", "code of the converter, 0 of an ideal one", whole=True),
         Variable("sample_clipped", "", "1 if the sample was out of range, else 0", whole=True),
-        Variable("gap", "m", f"gap between {tip} and plate, negative in contact"),
-        Variable("sphere_height", "m", f"height of the {tip} above the plate at rest"),
+        Variable("gap", "m", "gap between sphere and plate, negative in contact"),
+        Variable("sphere_height", "m", "height of the sphere above the plate at rest"),
         Variable("plate_deflection", "m", "deflection of the contact point, up positive"),
         Variable("plate_velocity", "m/s", "velocity of the contact point, end of the step, "
                                           "up positive"),
-        Variable("contact_force", "N", f"mean over the last step, up on the {noun}"),
+        Variable("contact_force", "N", "mean over the last step, up on the sphere"),
         Variable("actuator_force", "N", "mean over the last step, up on the plate"),
-        Variable("kinetic_energy", "J", f"of the {noun}"),
-        Variable("gravity_energy", "J", f"of the {noun} above the plate at rest"),
+        Variable("kinetic_energy", "J", "of the sphere"),
+        Variable("gravity_energy", "J", "of the sphere above the plate at rest"),
         Variable("modal_energy", "J", "in the plate"),
         Variable("contact_energy", "J", "stored in the contact"),
         Variable("injected_energy", "J", f"given by the actuator, {so_far}"),
@@ -110,7 +108,7 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
             "fmiVersion": f"{version}.0",
             "modelName": setup.name,
             "guid" if version == "2" else "instantiationToken": token,
-            "description": setup.scene.shows or f"a {setup.sphere.noun} strikes a plate",
+            "description": setup.scene.shows or "a sphere strikes a plate",
             "generationTool": f"hertzloop {__version__}, for {cpu}",
             "variableNamingConvention": "flat",
         },

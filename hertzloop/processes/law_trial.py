@@ -117,9 +117,7 @@ def impact_samples(setup: Setup, about: LawContext) -> np.ndarray:
     contact = min(max(int(about.rigid_contact_s / about.sample_s), 4), _SAMPLES // 2)
     away = np.arange(_SAMPLES) - _BEFORE
     pulse = np.sin(np.clip(away / contact, 0.0, 1.0) * np.pi)
-    deepest = rigid_penetration_m(
-        about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s, about.exponent
-    )
+    deepest = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
     gap = np.where(away < 0, -away, np.maximum(away - contact, 0))
     return SENSED[setup.quantity].trial(
         Trial(

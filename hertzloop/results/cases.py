@@ -68,9 +68,7 @@ def _rebound_percent(case: _Case) -> float:
     plant, found, free = case.setup.plant, case.metrics, case.free
     if not free.rebound_speed_m_s > case.setup.accuracy * plant.sphere.impact_speed_m_s:
         return math.nan
-    if plant.sphere.gravity_m_s2 > 0.0:
-        return 100.0 * found.rebound_height_m / free.rebound_height_m
-    return 100.0 * (found.rebound_speed_m_s / free.rebound_speed_m_s) ** 2
+    return 100.0 * found.rebound_height_m / free.rebound_height_m
 
 
 def _impulse_n_s(case: _Case) -> float:
@@ -91,7 +89,7 @@ class CaseMetrics:
     plate_energy_db: float = metric("change of the plate energy, dB", "plate energy", "dB",
                                     of="change.plate_energy_j", shown=True)
     rebound_percent: float = metric(
-        "rebound height over that without control, %; kinetic energy of a hammer",
+        "rebound height over that without control, %",
         "rebound height", "%", of=_rebound_percent, shown=True, without=100.0)
     radiated_db: float = metric("change of the study's metric of radiated energy, dB",
                                 "radiated energy", "dB", of="change.radiated_j", shown=True)
@@ -108,9 +106,9 @@ class CaseMetrics:
                                of="run.balance.injected_j")
     pumps: bool = metric("whether the actuator had at some time added more than the energy of the "
                          "impact", of="stability.pumps")
-    impact_energy_j: float = metric("energy of the striker before the impact, J",
+    impact_energy_j: float = metric("energy of the sphere before the impact, J",
                                     of="run.balance.energy_start_j")
-    rebound_m_s: float = metric("speed of the striker after the last contact, m/s",
+    rebound_m_s: float = metric("speed of the sphere after the last contact, m/s",
                                 of="metrics.rebound_speed_m_s")
     rebound_height_mm: float = metric(
         "height of a sphere after the last contact, by energy, mm", "rebound height", "mm",

@@ -25,7 +25,7 @@ class Overlay:
         lines: signals (m, N, m/s) and energies (J) by name.
         touched: step of the first contact; None without one.
         speed_m_s: plate velocity from the start on, for a spectrum.
-        start_j: energy of the striker at the start, J.
+        start_j: energy of the sphere at the start, J.
     """
 
     lines: dict[str, Line]

@@ -159,36 +159,26 @@ def _damped_residual(f: RunContext) -> float | None:
     return criteria.residual_share(damper, f.static.flexibility_m_n, run.force_n, run.contact_s)
 
 
-def _of_ball(f: RunContext, value: float) -> float | None:
-    """A value that only a ball has."""
-    return None if math.isnan(f.spec.sphere.ball_radius_m) else value
-
-
-def _of_radius(f: RunContext, value: float) -> float | None:
-    """A value that takes the radius of what touches, which not every hammer tip tells."""
-    return None if math.isnan(f.spec.sphere.radius_m) else value
-
-
 ROWS = (
     EffectRow(
         "yield", "p_0 / (1.6 Y), p_0 = 3 F/(2 pi a^2)", 1.0, _fully_plastic,
-        lambda f: _of_radius(f, 1.5 * f.pressure_pa / _first_yield_pa(f)),
+        lambda f: 1.5 * f.pressure_pa / _first_yield_pa(f),
         _yields,
         "peak contact pressure is {x:.2g} times first yield", "contact.plasticity",
         lambda f: "" if f.plasticity == "none" else f"contact.plasticity = '{f.plasticity}'",
     ),
     EffectRow(
         "contact against sphere", "a / R", 0.1, 0.3,
-        lambda f: _of_radius(f, f.radius_m / f.spec.sphere.radius_m),
+        lambda f: f.radius_m / f.spec.sphere.radius_m,
         lambda f, x: (
-            f"the contact is {x:.2g} of the radius of the {f.spec.sphere.touches} wide: Hertz's "
+            f"the contact is {x:.2g} of the radius of the sphere wide: Hertz's "
             f"law, a parabola on a flat, is off by about {percent(x * x)}"
         ),
         "contact radius is {x:.2g} of the radius that touches",
     ),
     EffectRow(
         "contact against plate", "a / h", 0.25, 0.5,
-        lambda f: _of_radius(f, f.radius_m / f.spec.local_plate.thickness_m),
+        lambda f: f.radius_m / f.spec.local_plate.thickness_m,
         lambda f, x: (
             "the plate is too thin for Hertz's law, which assumes a half space: the contact radius "
             f"is {x:.2g} of the thickness"
@@ -228,7 +218,7 @@ ROWS = (
     ),
     EffectRow(
         "vibration of the sphere", "T 2.65 c_T/(2 pi R)", 3.0, 1.0,
-        lambda f: _of_ball(f, f.sphere_periods),
+        lambda f: f.sphere_periods,
         lambda f, x: (
             f"the contact lasts {x:.2g} periods of the sphere's lowest vibration, which a rigid "
             "mass behind Hertz's spring does not have"
@@ -297,13 +287,13 @@ ROWS = (
     ),
     EffectRow(
         "squeezed air film", "6 pi mu R^2 ln(R/1e-7 m) v/(m v^2/2)", 1e-3, 0.1,
-        lambda f: _of_ball(f, f.static.squeezed_film),
+        lambda f: f.static.squeezed_film,
         lambda f, x: f"the film of air below the sphere takes {percent(x)} of its energy",
         "air film takes {p} of the energy",
     ),
     EffectRow(
         "drag on the drop", "3/8 C_D rho0 H/(rho_s R)", 1e-3, 0.1,
-        lambda f: _of_ball(f, f.static.drag),
+        lambda f: f.static.drag,
         lambda f, x: f"drag takes {percent(x)} of the energy of the fall",
         "drag takes {p} of the fall energy",
     ),

@@ -1,11 +1,12 @@
-"""The energies of striker, plate, contact and actuator over time."""
+"""The energies of sphere, plate, contact and actuator over time."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.plant.time_series import F_A, F_C, XI, XI_A, XI_P, XI_S
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.plant.time_series import F_A, F_C, XI_A, XI_P, XI_S
 from hertzloop.results.impacts import Block
 from hertzloop.scene.setup import Setup
 
@@ -17,8 +18,7 @@ class EnergyHistory:
     At every step, sphere + plate + contact is the energy at the start + fed.
 
     Attributes:
-        sphere: kinetic energy, and that of the height above the plate at rest. A hammer that a hand
-            withdraws keeps the energy with which it left the plate.
+        sphere: kinetic energy, and that of the height above the plate at rest.
         plate: work of contact force and actuator force on the plate, dissipated energy included.
         contact: energy that the contact stores and has dissipated.
         fed: work of the actuator.
@@ -42,7 +42,6 @@ def energy_histories(
     mass, place = spec.sphere.mass_kg, XI_P if spec.same_point else XI_A
     fed_j = pushed_j = start_j = 0.0
     last: np.ndarray | None = None
-    touched, left_j = False, None
     for first, truth in blocks:
         joined = truth if last is None else np.concatenate([last, truth], axis=1)
         with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
@@ -50,17 +49,10 @@ def energy_histories(
             pushed = pushed_j + _work(joined[F_C], joined[XI_P])
             speed = np.diff(joined[XI_S]) / setup.step_s
             speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
-            sphere = 0.5 * mass * speed**2 + mass * spec.sphere.gravity_m_s2 * joined[XI_S]
+            sphere = 0.5 * mass * speed**2 + mass * GRAVITY_M_S2 * joined[XI_S]
             fed_j, pushed_j = float(fed[-1]), float(pushed[-1])
             new = slice(-truth.shape[1], None)
             fed, plate, sphere = fed[new], (fed - pushed)[new], sphere[new]
-            if spec.sphere.hand is not None:
-                apart = truth[XI] >= 0.0
-                began = np.logical_or.accumulate(~apart) | touched
-                touched, left = bool(began[-1]), began & apart
-                if left_j is None and np.any(left):
-                    left_j = float(sphere[np.argmax(left)])
-                sphere = np.where(left, left_j, sphere) if left_j is not None else sphere
             if last is None:
                 start_j = float(sphere[0])
             contact = start_j + fed - plate - sphere

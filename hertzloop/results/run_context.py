@@ -88,7 +88,7 @@ class RunContext:
         # Radius, m, and mean pressure, Pa, at the largest force by Hertz.
         self.radius_m = criteria.contact_radius_m(run.force_n, radius_m, contact.stiffness)
         self.pressure_pa = criteria.mean_pressure_pa(run.force_n, self.radius_m)
-        self.sphere_periods = criteria.sphere_periods(sphere, run.contact_s)  # nan if it is no ball
+        self.sphere_periods = criteria.sphere_periods(sphere, run.contact_s)
         self.first_return_s = math.nan  # of bending waves from an edge, s
         if self.local is None:
             return
@@ -98,7 +98,7 @@ class RunContext:
                 self.local, setup.size_m, self.spec.contact_point_m, run.contact_s
             )
         self.kirchhoff: KirchhoffError = kirchhoff_error(
-            self.local, contact.stiffness, lasts_s, peak_n, contact.exponent
+            self.local, contact.stiffness, lasts_s, peak_n
         )
         self.mass_that_matters_kg = criteria.mass_that_matters_kg(sphere, self.local, run.contact_s)
 

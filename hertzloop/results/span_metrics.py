@@ -20,9 +20,9 @@ class SpanMetrics:
     # fmt: off
     contacts: int = metric("number of contacts", "contacts", difference=True)
     contact_time_s: float = metric("duration of the first contact, s", "contact time", "us", 1e6)
-    impact_speed_m_s: float = metric("speed of the striker before the first contact, m/s",
+    impact_speed_m_s: float = metric("speed of the sphere before the first contact, m/s",
                                      "impact speed", "m/s")
-    rebound_speed_m_s: float = metric("speed of the striker after the last contact, m/s",
+    rebound_speed_m_s: float = metric("speed of the sphere after the last contact, m/s",
                                       "rebound speed", "m/s", difference=True)
     rebound_height_m: float = metric("height of a sphere after the last contact, by energy, m",
                                      "rebound height", "mm", 1e3, less_is_better=True)

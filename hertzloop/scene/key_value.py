@@ -22,6 +22,6 @@ def value_of_key(setup: Setup, key: str) -> Any:
         return setup.scene.contact.stiffness_factor or 1.0
     if table in ("plate", "sphere") and last.startswith("material."):
         tables, name = setup.scene.plant_tables, last.partition(".")[2]
-        material = tables.plate_material if table == "plate" else tables.striker_material
+        material = tables.plate_material if table == "plate" else tables.sphere_material
         return getattr(material, _MATERIAL_KEYS.get(name, name), None)
     return getattr(getattr(setup.scene, table, None), last, None)

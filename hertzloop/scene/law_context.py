@@ -34,7 +34,7 @@ def _law_reach(table: ControllerTable, law: Law) -> ForceBound:
 
 @lru_cache(maxsize=16)
 def about_impact(mechanics: Mechanics, s: float) -> LawContext:
-    """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^exponent."""
+    """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^1.5."""
     m, v = mechanics.sphere.mass_kg, mechanics.sphere.impact_speed_m_s
     local = mechanics.structure.local_plate
     rigid = mechanics.rigid
@@ -42,7 +42,6 @@ def about_impact(mechanics: Mechanics, s: float) -> LawContext:
         rigid = rigid_impact(mechanics.sphere, replace(mechanics.contact, stiffness=s))
     return LawContext(
         stiffness=s,
-        exponent=mechanics.contact.exponent,
         sphere_mass_kg=m,
         impact_speed_m_s=v,
         impedance_n_s_m=local.infinite_plate_impedance_n_s_m if local else math.nan,

@@ -39,7 +39,7 @@ def shipped_text(name: str) -> str:
     return (resources.files("hertzloop") / "scene" / f"{name}.toml").read_text("utf-8")
 
 
-_DESCRIBED = {"sphere", "hammer", "plate"}  # tables that the sentence `shows` speaks of
+_DESCRIBED = {"sphere", "plate"}  # tables that the sentence `shows` speaks of
 _OF_LAWS = (".py", ".so", ".dylib", ".fmu")
 
 

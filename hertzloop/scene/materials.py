@@ -73,7 +73,7 @@ def check_materials(data: Mapping[str, Any]) -> None:
                 raise ValueError("materials: an entry has no name. Add its name.")
             material_of(f"materials: {name}", material_values(own))
             known[name] = None
-    for body, key in (("plate", "material"), ("sphere", "material"), ("hammer", "tip_material")):
+    for body, key in (("plate", "material"), ("sphere", "material")):
         table = data.get(body)
         given = table.get(key) if isinstance(table, dict) else None
         if isinstance(given, dict):

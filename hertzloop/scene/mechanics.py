@@ -1,16 +1,13 @@
-"""What collides, in SI units: striker, structure, contact and actuator."""
+"""What collides, in SI units: sphere, structure, contact and actuator."""
 
-import math
 from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 from typing import Any
 
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import (
-    HERTZ,
     Contact,
     Damping,
-    Hammer,
     Limit,
     RigidImpact,
     Sphere,
@@ -28,7 +25,7 @@ from hertzloop.plant.structures.structure import Structure, compared_as
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_tables import PlantTables
-from hertzloop.scene.tables import ContactTable, HammerTable, PlateTable, Striker
+from hertzloop.scene.tables import ContactTable, PlateTable, SphereTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +109,7 @@ def _resolved(tables: PlantTables, accuracy: float, make: Any) -> Mechanics:
     except ValueError as error:
         raise SceneError(str(error)) from error
     sphere, contact, weaker = _impact(
-        tables.striker, tables.contact, tables.striker_material, of_plate
+        tables.sphere, tables.contact, tables.sphere_material, of_plate
     )
     rigid = rigid_impact(sphere, contact)
     actuator, (contact_point, actuator_point) = tables.actuator, plate.points_m
@@ -154,26 +151,17 @@ def _describe_plate(table: PlateTable, material: Material, accuracy: float) -> D
 
 
 def _impact(
-    striker: Striker, table: ContactTable, own: Material, plate: Material
+    given: SphereTable, table: ContactTable, own: Material, plate: Material
 ) -> tuple[Sphere, Contact, tuple[str, YieldPressure] | None]:
-    """What strikes the plate, of a material of its `own`; its contact: stiffness, damping,
-    exponent, and where it yields; and the body that yields first, see `Mechanics`."""
+    """The sphere, of a material of its `own`; its contact: stiffness, damping, and where it yields;
+    and the body that yields first, see `Mechanics`."""
     weaker = softer(plate, own)
-    height, speed = getattr(striker, "drop_height_m", None), striker.speed_m_s
+    height, speed = given.drop_height_m, given.speed_m_s
     if height is None:
         assert speed is not None  # a scene without either is refused
         height = speed**2 / (2.0 * GRAVITY_M_S2)
-    sphere: Sphere
-    stiffness, exponent = None, HERTZ
-    if isinstance(striker, HammerTable):
-        assert speed is not None
-        radius = math.nan if striker.tip_radius_m is None else striker.tip_radius_m
-        sphere = Hammer(own, radius, height, striker.mass_kg, speed, striker.bounces)
-        stiffness, exponent = striker.tip_stiffness, striker.tip_exponent or HERTZ
-    else:
-        sphere = Sphere(own, striker.radius_m, height, striker.mass_kg, speed)
-    if stiffness is None:
-        stiffness = hertz_stiffness(sphere.radius_m, own, plate)
+    sphere = Sphere(own, given.radius_m, height, given.mass_kg, speed)
+    stiffness = hertz_stiffness(sphere.radius_m, own, plate)
     if table.stiffness_factor is not None:
         stiffness *= table.stiffness_factor
     limit = None
@@ -196,4 +184,4 @@ def _impact(
             "relaxation_s": table.relaxation_s,
             "extra_state": table.relaxation_solve == "bracketed",
         }
-    return sphere, Contact(stiffness, limit=limit, exponent=exponent, **damping), weaker
+    return sphere, Contact(stiffness, limit=limit, **damping), weaker

@@ -1,14 +1,13 @@
-"""Values of striker, plate, contact, actuator and run that are possible alone, but not together."""
+"""Values of sphere, plate, contact, actuator and run that are possible alone, but not together."""
 
 import math
 from functools import lru_cache
 
-from hertzloop.plant.contact.hertz import HERTZ
 from hertzloop.plant.schemes.registry import SCHEMES, supporting
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError, shortened
 from hertzloop.scene.plant_tables import PlantTables
-from hertzloop.scene.tables import PlateTable, Point, RunTable
+from hertzloop.scene.tables import PlateTable, Point, RunTable, SphereTable
 from hertzloop.scene.unused_keys import unused_key_problems
 
 _EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
@@ -19,62 +18,30 @@ _MIDDLE = 0.5  # touch phase of a run that says nothing else
 def plant_problems(scene: PlantTables, run: RunTable) -> tuple[list[str], list[str]]:
     """Of the plate alone, and of the run with all that is neither sensor nor controller."""
     of_plate = _structure_problems(scene.plate) + _point_problems(scene.plate, scene.sensor_point_m)
-    of_striker = _striker_problems(scene, run.scheme)
-    if of_striker:  # what else there is may follow from it
-        return of_striker, []
+    of_sphere = _sphere_problems(scene.sphere)
+    if of_sphere:  # what else there is may follow from it
+        return of_sphere, []
     of_run = _phase_problems(scene, run) + _scheme_problems(scene, run)
     return of_plate, of_run + unused_key_problems(scene)
 
 
-def _striker_problems(scene: PlantTables, scheme: str) -> list[str]:
-    """What a scene says of the sphere or the hammer that does not make one striker."""
-    sphere, hammer = scene.sphere, scene.hammer
-    if (sphere is None) == (hammer is None):
-        count = "no table" if sphere is None else "two tables"
-        return [f"[sphere] and [hammer]: {count} of what strikes the plate. Give one of the two."]
-    if sphere is not None:
-        if sphere.drop_height_m is not None and sphere.speed_m_s is not None:
-            return [
-                f"sphere.drop_height_m = {sphere.drop_height_m:g} and sphere.speed_m_s = "
-                f"{sphere.speed_m_s:g}: both give the impact speed. Leave one out."
-            ]
-        if sphere.drop_height_m is sphere.speed_m_s is None:
-            return ["sphere.drop_height_m: is missing from the scene. Add it, or sphere.speed_m_s."]
-        given = sphere.material
-        if sphere.mass_kg is not None and not isinstance(given, str):
-            return [
-                f"sphere.mass_kg = {sphere.mass_kg:g} and sphere.material.density_kg_m3 = "
-                f"{given.density_kg_m3:g}: both give the mass. Leave out sphere.mass_kg, or name "
-                "the material."
-            ]
-        return []
-    assert hammer is not None
-    radius, stiffness, exponent = hammer.tip_radius_m, hammer.tip_stiffness, hammer.tip_exponent
-    if radius is not None and stiffness is not None:
+def _sphere_problems(sphere: SphereTable) -> list[str]:
+    """What a scene says of the sphere that does not make one."""
+    if sphere.drop_height_m is not None and sphere.speed_m_s is not None:
         return [
-            f"hammer.tip_radius_m = {radius:g} and hammer.tip_stiffness = {stiffness:g}: both "
-            "give the contact force. Leave one out."
+            f"sphere.drop_height_m = {sphere.drop_height_m:g} and sphere.speed_m_s = "
+            f"{sphere.speed_m_s:g}: both give the impact speed. Leave one out."
         ]
-    if (stiffness is None) != (exponent is None):
+    if sphere.drop_height_m is sphere.speed_m_s is None:
+        return ["sphere.drop_height_m: is missing from the scene. Add it, or sphere.speed_m_s."]
+    given = sphere.material
+    if sphere.mass_kg is not None and not isinstance(given, str):
         return [
-            "hammer.tip_stiffness and hammer.tip_exponent: one says nothing without the other, "
-            "because the unit of the stiffness is N/m^exponent. Give both, or hammer.tip_radius_m."
+            f"sphere.mass_kg = {sphere.mass_kg:g} and sphere.material.density_kg_m3 = "
+            f"{given.density_kg_m3:g}: both give the mass. Leave out sphere.mass_kg, or name "
+            "the material."
         ]
-    if radius is stiffness is None:
-        return [
-            "hammer.tip_radius_m: is missing from the scene. Add it, or hammer.tip_stiffness and "
-            "hammer.tip_exponent."
-        ]
-    found = not_supported("supports_hammer", scheme, "modal", "[hammer]")
-    if exponent not in (None, HERTZ):
-        asked = f"hammer.tip_exponent = {exponent:g}"
-        found += not_supported("supports_exponent", scheme, "modal", asked)
-    if stiffness is not None and scene.contact.plasticity != "none":
-        found.append(
-            f"contact.plasticity = '{scene.contact.plasticity}': needs the radius of the tip, "
-            f"which hammer.tip_stiffness = {stiffness:g} does not give. Give hammer.tip_radius_m."
-        )
-    return found
+    return []
 
 
 def _phase_problems(scene: PlantTables, run: RunTable) -> list[str]:
@@ -82,13 +49,11 @@ def _phase_problems(scene: PlantTables, run: RunTable) -> list[str]:
     if run.touch_phase == _MIDDLE:
         return []
     phase = f"run.touch_phase = {run.touch_phase!r}"
-    fall_s = math.inf
-    if scene.sphere is not None:
-        height_m, speed_m_s = scene.sphere.drop_height_m, scene.sphere.speed_m_s
-        if height_m is None:
-            assert speed_m_s is not None  # see `_striker_problems`
-            height_m = speed_m_s**2 / (2.0 * GRAVITY_M_S2)
-        fall_s = math.sqrt(2.0 * height_m / GRAVITY_M_S2)
+    height_m, speed_m_s = scene.sphere.drop_height_m, scene.sphere.speed_m_s
+    if height_m is None:
+        assert speed_m_s is not None  # see `_sphere_problems`
+        height_m = speed_m_s**2 / (2.0 * GRAVITY_M_S2)
+    fall_s = math.sqrt(2.0 * height_m / GRAVITY_M_S2)
     if refusal := not_supported("supports_touch_phase", run.scheme, "modal", phase):
         return refusal
     if not run.step_s <= run.lead_in_s < fall_s - run.step_s:

@@ -18,7 +18,6 @@ from hertzloop.scene.tables import (
     ActuatorTable,
     ContactTable,
     FitTable,
-    HammerTable,
     MaterialTable,
     PlateTable,
     RunTable,
@@ -50,8 +49,7 @@ class Scene(SceneTable):
     """what it is for, in a sentence"""
     materials: tuple[MaterialTable, ...] | None = None  # by name, beside those that come with it
     """a file of materials, or a list, beside those that come with it"""
-    sphere: SphereTable | None = None
-    hammer: HammerTable | None = None
+    sphere: SphereTable
     plate: PlateTable
     contact: ContactTable = ContactTable()
     sensors: SensorsTable = SensorsTable()
@@ -77,7 +75,6 @@ class Scene(SceneTable):
         """The tables that make the plant."""
         return PlantTables(
             self.sphere,
-            self.hammer,
             self.plate,
             self.contact,
             self.actuator,

@@ -19,6 +19,7 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import Contact, Sphere
 from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.errors import SceneError
@@ -160,15 +161,15 @@ class Setup:
         return _name(self.scene.plate.material)
 
     @property
-    def striker_material(self) -> str:
-        """Name of the material of the sphere or the hammer's tip; "" for numbers without a name."""
-        return _name(self.scene.plant_tables.striker.material)
+    def sphere_material(self) -> str:
+        """Name of the sphere's material; "" for numbers without a name."""
+        return _name(self.scene.sphere.material)
 
     # What collides, and the sensor.
 
     @property
     def sphere(self) -> Sphere:
-        """The sphere or the hammer."""
+        """The sphere."""
         return self.mechanics.sphere
 
     @property
@@ -345,9 +346,7 @@ def _choose_plate_model(
 
 
 def _first_touch_s(run: RunTable, sphere: Sphere) -> float:
-    if gravity := sphere.gravity_m_s2:
-        return min(run.lead_in_s, sphere.impact_speed_m_s / gravity)
-    return run.lead_in_s
+    return min(run.lead_in_s, sphere.impact_speed_m_s / GRAVITY_M_S2)
 
 
 def _touch_phase(run: RunTable) -> float:
@@ -368,7 +367,6 @@ def _plant_only(tables: PlantTables, run: RunTable, touch_phase: float) -> Setup
         shows="",
         materials=tables.materials,
         sphere=tables.sphere,
-        hammer=tables.hammer,
         plate=tables.plate,
         contact=tables.contact,
         sensors=_PLAIN_SENSORS,

@@ -42,8 +42,7 @@ class SceneTable(BaseModel):
 
 class MaterialTable(SceneTable):
     """A material by its numbers; `plant.structures.materials` says which can be. `name`, in a
-    list of materials, is what plate.material, sphere.material and hammer.tip_material
-    may say."""
+    list of materials, is what plate.material and sphere.material may say."""
 
     name: str | None = None
     young_pa: float | None = None
@@ -118,35 +117,6 @@ class SphereTable(SceneTable):
     """sphere mass; default: by the density of its material"""
     speed_m_s: Speed | None = None
     """impact speed, in place of the drop height"""
-
-
-class HammerTable(SceneTable):
-    """An impact hammer in place of the sphere. It moves without weight, and a hand withdraws it
-    after the first contact unless it `bounces`. The contact force is Hertz's, by radius and
-    material of the tip, or `tip_stiffness` times the penetration to the power of `tip_exponent`."""
-
-    mass_kg: Mass
-    """mass of head, tip and the part of the handle that moves with them"""
-    speed_m_s: Speed
-    """speed at the hit"""
-    tip_radius_m: Radius | None = None
-    """radius of the tip, of a Hertz contact"""
-    tip_material: MaterialKey = "steel"
-    """tip material: a name, or numbers"""
-    tip_stiffness: Annotated[float, Field(ge=1.0, le=1e15)] | None = None
-    """contact stiffness of the tip, N/m^tip_exponent, in place of its radius"""
-    tip_exponent: Annotated[float, Field(ge=1.0, le=2.0)] | None = None
-    """exponent of the contact force: 1 of a soft tip, 1.5 of Hertz's contact"""
-    bounces: bool = False
-    """whether later contacts count; false: it is withdrawn after the first"""
-
-    @property
-    def material(self) -> MaterialKey:
-        """That of the tip."""
-        return self.tip_material
-
-
-Striker = SphereTable | HammerTable
 
 
 class PlateTable(SceneTable):

@@ -9,10 +9,7 @@ from hertzloop.scene.errors import shown
 _INSTEAD = {
     ("sphere", "speed_m_s"): "drop_height_m",
     ("sphere", "drop_height_m"): "speed_m_s",
-    ("hammer", "tip_radius_m"): "tip_stiffness",
-    ("hammer", "tip_stiffness"): "tip_radius_m",
 }
-_STRIKERS = ("sphere", "hammer")
 _ANY = object()  # any value but None
 # By table and key: the key of the same table that decides, and its value. The keys of laws are
 # treated the same way, by the law that has them.
@@ -51,15 +48,10 @@ def unused_key_problems(scene: Any) -> list[str]:
 def drop_unused_keys(data: dict[str, Any], changed: Mapping[str, Any]) -> None:
     """Drop keys of a scene's tables that lose their effect because of the keys `changed`, or for
     which these stand in, unless they are among them."""
-    for name, other in (_STRIKERS, _STRIKERS[::-1]):
-        tables = {key.partition(".")[0] for key in changed}
-        if name in tables and other not in tables:
-            data.pop(other, None)
     for (name, key), other in _INSTEAD.items():
-        if f"{name}.{key}" in changed and isinstance(data.get(name), dict):
-            for lost in (other, "tip_exponent") if other == "tip_stiffness" else (other,):
-                if f"{name}.{lost}" not in changed:
-                    data[name].pop(lost, None)
+        alone = f"{name}.{key}" in changed and f"{name}.{other}" not in changed
+        if alone and isinstance(data.get(name), dict):
+            data[name].pop(other, None)
     for (name, key), (by, needed) in _READ_BY.items():
         table, decides = data.get(name), f"{name}.{by}"
         if not isinstance(table, dict) or f"{name}.{key}" in changed:

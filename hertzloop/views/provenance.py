@@ -46,14 +46,8 @@ def closest_shipped(setup: Setup) -> tuple[str, list[tuple[str, Any, Any]]]:
 
 
 def bodies(setup: Setup) -> str:
-    """Return striker and structure in words, for example "R = 3 mm, steel, on 3 mm aluminium"."""
-    ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material_words(setup.striker_material)}"
-    hammer = setup.scene.hammer
-    if hammer is not None:
-        tip = f"tip {ball}"
-        if hammer.tip_stiffness is not None:
-            tip = f"tip {hammer.tip_stiffness:g} N/m^{hammer.tip_exponent:g}"
-        ball = f"hammer {1e3 * hammer.mass_kg:g} g, {tip}"
+    """Return sphere and structure in words, for example "R = 3 mm, steel, on 3 mm aluminium"."""
+    ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material_words(setup.sphere_material)}"
     structure = setup.structure
     if structure.mode_table is not None:
         return f"{ball}, on a structure from a file of modes"

@@ -275,7 +275,7 @@ def _energies(setup: Setup, own: Overlay, reference: ReferenceRun | None, explod
         dataclasses.replace(curve, values=curve.values / factor)
         for curve in (reference.curves["energy"] if reference else [])
     ]
-    for name, label in (_ENERGIES | {"sphere": setup.sphere.noun}).items():
+    for name, label in _ENERGIES.items():
         line = own.lines[name]
         known = conserves or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):

@@ -1,24 +1,22 @@
 """Compiled kernels of the contact in a step of the default scheme `modal`: all that is scalar.
 
-The force is s p^(3/2), or s p^n where the contact has a `Power`: which of the two is known when a
-caller is compiled. Given gap, velocity and mean of the gap as they would be without contact force,
-and what a unit F_0 and F_1 change of them (`gains`), find the contact force F_0 + F_1 (2 t/h - 1)
-of the step. See `plant.schemes.collocation_kernels` for the modes and the idea. In this order: the
-Hertz contact in series with the spring of the modes left out; the gap within the step, a quartic
-through its ends and its mean; the solve by Newton's method, and its balance of energy.
+The force is s p^(3/2). Given gap, velocity and mean of the gap as they would be without contact
+force, and what a unit F_0 and F_1 change of them (`gains`), find the contact force F_0 + F_1 (2 t/h
+- 1) of the step. See `plant.schemes.collocation_kernels` for the modes and the idea. In this order:
+the Hertz contact in series with the spring of the modes left out; the gap within the step, a
+quartic through its ends and its mean; the solve by Newton's method, and its balance of energy.
 
 Products and sums may be contracted to multiply-adds: what is solved here is one long chain of
 operations, each waiting for the last, and a quarter of its time goes with them.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba.extending import overload
 
 from hertzloop.common.jit import kernel
-from hertzloop.common.jit.by_type import by_type, no, yes
 
 NODES = 4
 # Gauss-Legendre nodes and weights on (0, 1).
@@ -58,17 +56,10 @@ _NARROW = 0.05  # of the penetration: Gauss's rule loses no digit there, a diffe
 _SOFT = 0.2  # e of `root_penetration` below which its series and one Halley step give 1e-9
 
 
-class Power(NamedTuple):
-    """Exponent n of a contact force s p^n; a contact without is Hertz's, 3/2."""
-
-    exponent: float
-
-
 class ContactModel(NamedTuple):
     """A contact as its solve wants it, in whatever plant: kernels compiled for one serve another.
 
-    `stiffness`: N/m^1.5, of a `Power` N/m^n; `flexibility_m_n`: of the modes left out; `power`: a
-    `Power`, or None for Hertz's; `gains`: (GAINS,).
+    `stiffness`: N/m^1.5; `flexibility_m_n`: of the modes left out; `gains`: (GAINS,).
     """
 
     step_s: float
@@ -76,7 +67,6 @@ class ContactModel(NamedTuple):
     flexibility_m_n: float
     viscous_n_s_m: float
     hunt_crossley_s_m: float
-    power: Any
     gains: np.ndarray
 
 
@@ -89,83 +79,8 @@ def contact_of(model, stiffness):
         model.flexibility_m_n,
         model.viscous_n_s_m,
         model.hunt_crossley_s_m,
-        model.power,
         model.gains,
     )
-
-
-@kernel(inline=True, fastmath={"contract"})
-def _power_penetration(n, contact, gap):
-    """p of p + k s p^n = -gap, a modal gap < 0: Newton's method, as in `root_penetration`."""
-    share = contact.flexibility_m_n * contact.stiffness
-    if share == 0.0:
-        return -gap
-    p = -gap / (1.0 + share * (-gap) ** (n - 1.0))
-    for _ in range(HALVINGS):
-        bent = share * p ** (n - 1.0)
-        change = (p * (1.0 + bent) + gap) / (1.0 + n * bent)
-        p -= change
-        if abs(change) <= 3e-8 * p:
-            break
-    return p
-
-
-@kernel(inline=True, fastmath={"contract"})
-def _power_elastic(power, contact, gap):
-    if gap >= 0.0:
-        return 0.0, 0.0, 0.0
-    n = power.exponent
-    p = _power_penetration(n, contact, gap)
-    force = contact.stiffness * p**n
-    return force, force * (p / (n + 1.0) + 0.5 * contact.flexibility_m_n * force), p
-
-
-@kernel(inline=True, fastmath={"contract"})
-def _power_near(power, contact, gap, root):
-    return _power_elastic(power, contact, gap)
-
-
-@kernel(inline=True)
-def _power_slope(power, contact, p):
-    n = power.exponent
-    rise = n * contact.stiffness * p ** (n - 1.0)
-    return -rise / (1.0 + contact.flexibility_m_n * rise)
-
-
-@kernel(inline=True, fastmath={"contract"})
-def _power_damped(power, contact, gap, rate):
-    n = power.exponent
-    p = _power_penetration(n, contact, gap)
-    spring = contact.stiffness * p**n
-    slope = _power_slope(power, contact, p)
-    share = -1.0 / (1.0 + contact.flexibility_m_n * n * contact.stiffness * p ** (n - 1.0))
-    factor = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * spring) * share
-    by_gap = slope + contact.hunt_crossley_s_m * slope * share * rate
-    return spring + factor * rate, factor * rate, by_gap, factor
-
-
-@kernel(fastmath={"contract"})
-def _power_chord(power, contact, x0, x1):
-    if x0 >= 0.0 and x1 >= 0.0:
-        return 0.0, 0.0
-    n, s, spring = power.exponent, contact.stiffness, contact.flexibility_m_n
-    a = _power_penetration(n, contact, x0) if x0 < 0.0 else 0.0
-    b = _power_penetration(n, contact, x1) if x1 < 0.0 else 0.0
-    if abs(b - a) > _NARROW * max(a, b):
-        force = (_power_elastic(power, contact, x1)[1] - _power_elastic(power, contact, x0)[1]) / (
-            x0 - x1
-        )
-    else:
-        work = way = 0.0  # over the change of the penetration
-        for i in range(NODES):
-            p = a + (b - a) * GAUSS_T[i]
-            rise = 1.0 + spring * n * s * p ** (n - 1.0)
-            work += GAUSS_W[i] * s * p**n * rise
-            way += GAUSS_W[i] * rise
-        force = work / way
-    rate = (b - a) / contact.step_s
-    damping = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * force) * rate
-    return force + damping, damping
 
 
 @kernel(inline=True, fastmath={"contract"})
@@ -194,7 +109,9 @@ def root_penetration(contact, gap):
 
 
 @kernel(inline=True, fastmath={"contract"})
-def _hertz_elastic(power, contact, gap):
+def elastic(contact, gap):
+    """Contact force without damping (N) at a modal gap, the energy in the contact and in the
+    spring of the modes left out (J), and the root of the penetration (m^0.5)."""
     if gap >= 0.0:
         return 0.0, 0.0, 0.0
     y = root_penetration(contact, gap)
@@ -203,28 +120,32 @@ def _hertz_elastic(power, contact, gap):
 
 
 @kernel(inline=True, fastmath={"contract"})
-def _hertz_near(power, contact, gap, root):
+def elastic_near(contact, gap, root):
+    """The same from a root nearby, by one step of Halley's rule, which cubes what is wrong; from
+    nothing if `root` is zero or not near enough."""
     if root == 0.0 or gap >= 0.0:
-        return _hertz_elastic(power, contact, gap)
+        return elastic(contact, gap)
     share = contact.flexibility_m_n * contact.stiffness
     wrong = root * root * (1.0 + share * root) + gap
     slope = root * (2.0 + 3.0 * share * root)
     change = wrong * slope / (slope * slope - wrong * (1.0 + 3.0 * share * root))
     if abs(change) > 3e-6 * root:
-        return _hertz_elastic(power, contact, gap)
+        return elastic(contact, gap)
     y = root - change
     force = contact.stiffness * y * y * y
     return force, force * (0.4 * y * y + 0.5 * contact.flexibility_m_n * force), y
 
 
 @kernel(inline=True)
-def _hertz_slope(power, contact, root):
+def slope_by_gap(contact, root):
+    """dF/dgap of the contact without damping, N/m, by the root of `elastic`."""
     s, spring = contact.stiffness, contact.flexibility_m_n
     return -3.0 * s * root / (2.0 + 3.0 * spring * s * root)
 
 
 @kernel(inline=True, fastmath={"contract"})
-def _hertz_damped(power, contact, gap, rate):
+def damped_law(contact, gap, rate):
+    """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
     s = contact.stiffness
     y = root_penetration(contact, gap)
     soft = 2.0 + 3.0 * contact.flexibility_m_n * s * y
@@ -244,16 +165,15 @@ def _hertz_damped(power, contact, gap, rate):
 
 
 @kernel(fastmath={"contract"})
-def _hertz_chord(power, contact, x0, x1):
+def _chord(contact, x0, x1):
+    """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
     if x0 >= 0.0 and x1 >= 0.0:
         return 0.0, 0.0
     a = root_penetration(contact, x0) if x0 < 0.0 else 0.0
     b = root_penetration(contact, x1) if x1 < 0.0 else 0.0
     s, share = contact.stiffness, contact.flexibility_m_n * contact.stiffness
     if (x0 < 0.0) != (x1 < 0.0):
-        force = (_hertz_elastic(power, contact, x1)[1] - _hertz_elastic(power, contact, x0)[1]) / (
-            x0 - x1
-        )
+        force = (elastic(contact, x1)[1] - elastic(contact, x0)[1]) / (x0 - x1)
     else:
         five = b**4 + b**3 * a + b * b * a * a + b * a**3 + a**4
         six = five * b + a**5
@@ -262,51 +182,6 @@ def _hertz_chord(power, contact, x0, x1):
     rate = (b * b - a * a) / contact.step_s
     damping = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * force) * rate
     return force + damping, damping
-
-
-def _by_power(hertz, power):
-    return by_type({type(None): hertz, Power: power})
-
-
-_elastic = _by_power(_hertz_elastic, _power_elastic)
-_near = _by_power(_hertz_near, _power_near)
-_slope = _by_power(_hertz_slope, _power_slope)
-_damped = _by_power(_hertz_damped, _power_damped)
-_chord_by = _by_power(_hertz_chord, _power_chord)
-_is_hertz = by_type({type(None): yes, Power: no})
-
-
-@kernel(inline=True)
-def elastic(contact, gap):
-    """Contact force without damping (N) at a modal gap, the energy in the contact and in the
-    spring of the modes left out (J), and the root of the penetration (m^0.5; of a `Power` the
-    penetration itself, m)."""
-    return _elastic(contact.power, contact, gap)
-
-
-@kernel(inline=True)
-def elastic_near(contact, gap, root):
-    """The same from a root nearby, by one step of Halley's rule, which cubes what is wrong; from
-    nothing if `root` is zero or not near enough."""
-    return _near(contact.power, contact, gap, root)
-
-
-@kernel(inline=True)
-def slope_by_gap(contact, root):
-    """dF/dgap of the contact without damping, N/m, by the root of `elastic`."""
-    return _slope(contact.power, contact, root)
-
-
-@kernel(inline=True)
-def damped_law(contact, gap, rate):
-    """Force, its damping part, dF/dgap, dF/drate at a modal gap < 0 and its rate (m/s)."""
-    return _damped(contact.power, contact, gap, rate)
-
-
-@kernel(inline=True)
-def _chord(contact, x0, x1):
-    """Discrete gradient between two modal gaps, damping included, and damping's part (N)."""
-    return _chord_by(contact.power, contact, x0, x1)
 
 
 def by_ends(t: float) -> tuple[float, float, float, float, float]:
@@ -594,7 +469,7 @@ def solve_contact(contact, x0, d0, free_x, free_d, free_mean, before, guess0, gu
     f0, f1, lost, root = guess0, guess1, 0.0, 0.0
     evaluations = 0
     undamped = contact.viscous_n_s_m == 0.0 and contact.hunt_crossley_s_m == 0.0
-    if _is_hertz(contact.power) and x0 < 0.0 and undamped:
+    if x0 < 0.0 and undamped:
         f0, f1, evaluations, root = _solve_inside(
             contact, x0, d0, free_x, free_d, free_mean, guess0, guess1
         )

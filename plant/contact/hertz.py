@@ -1,15 +1,14 @@
-"""What strikes a plate, its contact by Hertz or by a power of the penetration, and its damping."""
+"""The sphere, its contact by Hertz, and the damping of the contact."""
 
 import math
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import scipy
 
-from hertzloop.plant.contact.elastic_kernels import Power
-from hertzloop.plant.state_kernels import GRAVITY_M_S2, HammerWithdrawal
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import Material
 
 
@@ -33,20 +32,6 @@ class Sphere:
     given_mass_kg: float | None = None
     given_speed_m_s: float | None = None
 
-    noun: ClassVar[str] = "sphere"
-    touches: ClassVar[str] = "sphere"  # what the contact is between, as a sentence names it
-    gravity_m_s2: ClassVar[float] = GRAVITY_M_S2  # that acts on it
-
-    @cached_property
-    def hand(self) -> HammerWithdrawal | None:
-        """Withdrawal after the first contact; None of a falling sphere."""
-        return None
-
-    @cached_property
-    def ball_radius_m(self) -> float:
-        """Radius of the whole body, m; nan if it is not a ball."""
-        return self.radius_m
-
     @cached_property
     def mass_kg(self) -> float:
         """Mass, kg: as given, or of a ball of this radius."""
@@ -62,37 +47,9 @@ class Sphere:
         return math.sqrt(2.0 * GRAVITY_M_S2 * self.drop_height_m)
 
 
-@dataclass(frozen=True)
-class Hammer(Sphere):
-    """Impact hammer: mass and speed are given, gravity does not count, and unless it `bounces` a
-    hand withdraws it after the first contact. `radius_m`: of the tip, nan where its stiffness is
-    given; `drop_height_m`: of a fall to its speed."""
-
-    bounces: bool = False
-
-    noun: ClassVar[str] = "hammer"
-    touches: ClassVar[str] = "tip"
-    gravity_m_s2: ClassVar[float] = 0.0
-
-    @cached_property
-    def hand(self) -> HammerWithdrawal | None:
-        """Withdrawal after the first contact; None if the hammer bounces."""
-        return None if self.bounces else HammerWithdrawal(self.impact_speed_m_s)
-
-    @cached_property
-    def ball_radius_m(self) -> float:
-        """Not a number: a hammer is not a ball."""
-        return math.nan
-
-
-HERTZ = 1.5  # exponent of his law
-
-
-def tangent_stiffness_n_m(stiffness: float, force_n: float, exponent: float = HERTZ) -> float:
-    """dF/dp = n s^(1/n) F^(1 - 1/n) of F = s p^n, N/m."""
-    if exponent == HERTZ:
-        return float(1.5 * stiffness ** (2.0 / 3.0) * force_n ** (1.0 / 3.0))
-    return float(exponent * stiffness ** (1.0 / exponent) * force_n ** (1.0 - 1.0 / exponent))
+def tangent_stiffness_n_m(stiffness: float, force_n: float) -> float:
+    """dF/dp = 3/2 s^(2/3) F^(1/3) of F = s p^(3/2), N/m."""
+    return float(1.5 * stiffness ** (2.0 / 3.0) * force_n ** (1.0 / 3.0))
 
 
 @dataclass(frozen=True)
@@ -105,7 +62,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Contact:
-    """Contact force s p^n plus damping; p = penetration in m, n = `exponent`, s in N/m^n.
+    """Contact force s p^(3/2) plus damping; p = penetration in m, s in N/m^1.5.
 
     `viscous_n_s_m` is c, `hunt_crossley_s_m` is d of the family in `damping`;
     `relaxation_stiffness` is s_tau (N/m^1.5), `relaxation_s` is tau, `extra_state` whether
@@ -121,12 +78,6 @@ class Contact:
     relaxation_s: float = 0.0
     extra_state: bool = False
     limit: Limit | None = None
-    exponent: float = HERTZ
-
-    @cached_property
-    def power(self) -> Power | None:
-        """Exponent for kernels; None if it is Hertz's."""
-        return None if self.exponent == HERTZ else Power(self.exponent)
 
     @cached_property
     def has_damper(self) -> bool:
@@ -165,39 +116,25 @@ def hunt_crossley_parameter(restitution: float, impact_speed_m_s: float) -> floa
     return -math.expm1(-u) / restitution / impact_speed_m_s
 
 
-def rigid_contact_time_s(
-    mass_kg: float, stiffness: float, speed_m_s: float, exponent: float = HERTZ
-) -> float:
-    """Impact on a rigid half-space, without gravity, s: Hertz's 3.218 (m/s)^(2/5) v^(-1/5); in
-    general 2 sqrt(pi) p/v Gamma(1 + 1/(n + 1))/Gamma(1/2 + 1/(n + 1)) with the deepest p."""
-    if exponent != HERTZ:
-        deepest, part = rigid_penetration_m(mass_kg, stiffness, speed_m_s, exponent), exponent + 1.0
-        ratio = math.gamma(1.0 + 1.0 / part) / math.gamma(0.5 + 1.0 / part)
-        return 2.0 * math.sqrt(math.pi) * deepest / speed_m_s * ratio
+def rigid_contact_time_s(mass_kg: float, stiffness: float, speed_m_s: float) -> float:
+    """Impact on a rigid half-space, without gravity, s: 3.218 (m/s)^(2/5) v^(-1/5) (Hertz 1882)."""
     factor = 4.0 * math.sqrt(math.pi) * math.gamma(0.4) / (5.0 * math.gamma(0.9)) * 1.25**0.4
     return factor * (mass_kg / stiffness) ** 0.4 * speed_m_s**-0.2
 
 
-def rigid_penetration_m(
-    mass_kg: float, stiffness: float, speed_m_s: float, exponent: float = HERTZ
-) -> float:
-    """Largest penetration of the same impact: ((n + 1) m v^2 / (2 s))^(1/(n + 1)), m."""
-    if exponent != HERTZ:
-        part = exponent + 1.0
-        return float((0.5 * part * mass_kg * speed_m_s**2 / stiffness) ** (1.0 / part))
+def rigid_penetration_m(mass_kg: float, stiffness: float, speed_m_s: float) -> float:
+    """Largest penetration of the same impact: (5 m v^2 / (4 s))^(2/5), m."""
     return float((1.25 * mass_kg * speed_m_s**2 / stiffness) ** 0.4)
 
 
-def rigid_peak_force_n(
-    mass_kg: float, stiffness: float, speed_m_s: float, exponent: float = HERTZ
-) -> float:
-    """Largest force of the same impact, s p^n, N."""
-    return stiffness * rigid_penetration_m(mass_kg, stiffness, speed_m_s, exponent) ** exponent
+def rigid_peak_force_n(mass_kg: float, stiffness: float, speed_m_s: float) -> float:
+    """Largest force of the same impact, s p^(3/2), N."""
+    return stiffness * rigid_penetration_m(mass_kg, stiffness, speed_m_s) ** 1.5
 
 
 class RigidImpact(NamedTuple):
     """Impact of a body on a rigid plate: contact time (s), deepest penetration p (m), largest force
-    (N), and p^(n - 1), which times the stiffness is the secant stiffness there."""
+    (N), and sqrt(p), which times the stiffness is the secant stiffness there."""
 
     contact_s: float
     deepest_m: float
@@ -207,11 +144,11 @@ class RigidImpact(NamedTuple):
 
 def rigid_impact(sphere: Sphere, contact: Contact) -> RigidImpact:
     """The impact of a body by the elastic part of a contact, as the functions above."""
-    given = sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s, contact.exponent
+    given = sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s
     deepest = rigid_penetration_m(*given)
     return RigidImpact(
         rigid_contact_time_s(*given),
         deepest,
         rigid_peak_force_n(*given),
-        math.sqrt(deepest) if contact.power is None else deepest ** (contact.exponent - 1.0),
+        math.sqrt(deepest),
     )

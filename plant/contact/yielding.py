@@ -52,9 +52,6 @@ def yield_depth_m(contact: Contact) -> float:
 
 def deepest_rigid_m(contact: Contact, energy_j: float) -> float:
     """Penetration at which a contact on a rigid plate has taken `energy_j`, m."""
-    if contact.power is not None:
-        part = contact.exponent + 1.0
-        return float((part * energy_j / contact.stiffness) ** (1.0 / part))
     hertz = float((2.5 * energy_j / contact.stiffness) ** 0.4)
     if contact.limit is None:
         return hertz
@@ -92,7 +89,7 @@ def above_dent_m(contact: Contact, xi_m: np.ndarray, deepest_m: np.ndarray) -> n
 def elastic_n(contact: Contact, penetration_m: np.ndarray, deepest_m: np.ndarray) -> np.ndarray:
     """Contact force without damping at penetrations below or above zero, N."""
     if contact.limit is None:
-        return np.asarray(contact.stiffness * np.maximum(penetration_m, 0.0) ** contact.exponent)
+        return np.asarray(contact.stiffness * np.maximum(penetration_m, 0.0) ** 1.5)
     law = yielding(contact.limit, contact.stiffness)
     return force_n(law, contact.stiffness, penetration_m, deepest_m)
 

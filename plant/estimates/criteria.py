@@ -35,7 +35,7 @@ def sphere_periods(sphere: Sphere, contact_s: float) -> float:
     """Periods of the sphere's lowest vibration that a contact lasts: with few the sphere is no
     rigid mass behind a spring (Love 1927, quasi-statics of Hertz)."""
     speed = _SPHEROIDAL * sphere.material.shear_speed_m_s
-    return contact_s * speed / (2.0 * math.pi * sphere.ball_radius_m)
+    return contact_s * speed / (2.0 * math.pi * sphere.radius_m)
 
 
 def thickness_periods(plate: Plate, contact_s: float) -> float:
@@ -72,7 +72,7 @@ def air_loss_factor(plate: Plate) -> float:
 def squeezed_film(sphere: Sphere) -> float:
     """Share of the sphere's energy that the film of air takes on the way in: 6 pi mu R^2
     ln(R/1e-7 m) v against m v^2/2 (Reynolds' lubrication, without compressibility)."""
-    r, v = sphere.ball_radius_m, sphere.impact_speed_m_s
+    r, v = sphere.radius_m, sphere.impact_speed_m_s
     work = 6.0 * math.pi * _VISCOSITY_PA_S * r * r * math.log(r / _ROUGHNESS_M) * v
     return work / (0.5 * sphere.mass_kg * v * v)
 
@@ -80,7 +80,7 @@ def squeezed_film(sphere: Sphere) -> float:
 def drag_on_the_drop(sphere: Sphere) -> float:
     """Share of the energy of the fall that drag takes: 3/8 C_D rho0 H/(rho_s R), C_D = 0.47."""
     density = sphere.material.density_kg_m3
-    radius = sphere.ball_radius_m
+    radius = sphere.radius_m
     return 0.375 * _DRAG * AIR_DENSITY_KG_M3 * sphere.drop_height_m / (density * radius)
 
 

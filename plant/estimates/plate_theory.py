@@ -14,11 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.plant.contact.hertz import (
-    HERTZ,
     Contact,
     Sphere,
-    rigid_contact_time_s,
-    rigid_impact,
     tangent_stiffness_n_m,
 )
 from hertzloop.plant.structures.plate import Plate
@@ -89,12 +86,12 @@ def static_difference_m_n(plate: Plate, number: float) -> float:
 
 
 def kirchhoff_error(
-    plate: Plate, stiffness: float, contact_s: float, peak_force_n: float, exponent: float = HERTZ
+    plate: Plate, stiffness: float, contact_s: float, peak_force_n: float
 ) -> KirchhoffError:
     """What Kirchhoff's theory may cost an impact of known length (s) and peak force (N), as bounds;
-    `stiffness`: of the contact (N/m^exponent)."""
+    `stiffness`: of the contact (N/m^1.5)."""
     number = thickness_number(plate, contact_s)
-    share = tangent_stiffness_n_m(stiffness, peak_force_n, exponent)
+    share = tangent_stiffness_n_m(stiffness, peak_force_n)
     energy, speed = _ENERGY_FACTOR * number * number, _REBOUND_FACTOR * number * number
     force = abs(static_difference_m_n(plate, number)) * share
     return KirchhoffError(energy, speed, force, max(energy, speed, force))
@@ -103,18 +100,13 @@ def kirchhoff_error(
 def expected_kirchhoff_error(sphere: Sphere, plate: Plate, contact: Contact) -> KirchhoffError:
     """The same before any run, with length and peak force of Zener's impact."""
     impact = zener_impact(sphere, plate, contact)
-    return kirchhoff_error(
-        plate, contact.stiffness, impact.contact_s, impact.peak_force_n, contact.exponent
-    )
+    return kirchhoff_error(plate, contact.stiffness, impact.contact_s, impact.peak_force_n)
 
 
 def _unit_s(sphere: Sphere, contact: Contact) -> float:
-    """Zener's unit of time; of another exponent that of a Hertz contact that lasts as long."""
-    speed = sphere.impact_speed_m_s
-    if contact.power is not None:
-        one_s = rigid_contact_time_s(1.0, 1.0, 1.0)
-        return rigid_impact(sphere, contact).contact_s / one_s
-    return float((sphere.mass_kg / (contact.stiffness * math.sqrt(speed))) ** 0.4)
+    """Zener's unit of time."""
+    root = math.sqrt(sphere.impact_speed_m_s)
+    return float((sphere.mass_kg / (contact.stiffness * root)) ** 0.4)
 
 
 @lru_cache(maxsize=64)

@@ -14,6 +14,7 @@ from hertzloop.plant.metrics.truth_kernels import METRICS, ImpactSteps
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.collocation import damped_residual, flexibility_m_n
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, XI, XI_P
 
@@ -158,7 +159,7 @@ def _reading(spec: PlantSpec) -> truth_kernels.Reading:
     return truth_kernels.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
-        gravity_m_s2=spec.sphere.gravity_m_s2,
+        gravity_m_s2=GRAVITY_M_S2,
         same_point=spec.same_point,
         mobility=mode.mobility_m_ns if mode else math.nan,
         impedance=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,

@@ -125,11 +125,9 @@ def closed_forms(
     if not max(abs(impact_speed_m_s), abs(rebound_speed_m_s)) < _FASTEST_M_S:
         unknown = ("rebound_height_m", "longhorn_j", "holmes_j", "peak_pressure_pa")
         return plain | dict.fromkeys(unknown, math.inf)
-    radius_m = sphere.ball_radius_m
+    radius_m = sphere.radius_m
     return plain | {
-        "rebound_height_m": (
-            rebound_height_m(rebound_speed_m_s) if sphere.gravity_m_s2 else math.nan
-        ),
+        "rebound_height_m": (rebound_height_m(rebound_speed_m_s)),
         "longhorn_j": longhorn_j(radius_m, impact_speed_m_s, rebound_speed_m_s),
         "holmes_j": holmes_j(radius_m, impact_speed_m_s, contact_time_s),
         "peak_pressure_pa": peak_pressure_pa(radius_m, impact_speed_m_s, contact_time_s),

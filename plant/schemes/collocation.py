@@ -241,7 +241,7 @@ def _of_contact(spec: PlantSpec) -> dict[str, Any]:
     """The fields of a model that sphere and contact decide, but for its gains."""
     contact = spec.contact
     law = None if contact.limit is None else yielding(contact.limit, contact.stiffness)
-    return common_fields(spec) | {"power": contact.power, "law": law}
+    return common_fields(spec) | {"law": law}
 
 
 def _probe(

@@ -39,7 +39,6 @@ from hertzloop.plant.state_kernels import (
     A_P,
     A_S,
     AWAKE,
-    AWAY_M,
     F_A,
     F_A1,
     F_C,
@@ -112,8 +111,6 @@ class CollocationModel(NamedTuple):
     law: Any  # of the contact, hertzloop.plant.contact.yielding_kernels; as the actuator's
     actuator: Any  # of hertzloop.plant.actuator_kernels; its type decides what is compiled
     residual_mode: Any  # of hertzloop.plant.contact.residual_mode_kernels, the same
-    power: Any  # of the contact, hertzloop.plant.contact.elastic_kernels, the same
-    hand: Any  # of hertzloop.plant.state_kernels, the same
     probe: Any  # Probe, or None of a sensor at the contact
     gains: np.ndarray
     table: np.ndarray
@@ -551,8 +548,6 @@ def step(model, state, command):
         own_0, own_1 = own - bent, own + bent
     gap_0 = sphere_0 - body[MODAL_X] - own_0
     free = sphere - x - own_1
-    if state_kernels.withdrawn(model.hand, counts):
-        gap_0 = free = AWAY_M
     slope_0 = h * (before_v - body[MODAL_V])
     slope = h * (sphere_v - v)
     if sloped:
@@ -568,8 +563,6 @@ def step(model, state, command):
     rest = -yielding.dent(model.law, body)
     contact = elastic.contact_of(model, model.stiffness)
     touches = gap_0 < rest or free < rest or (slope_0 < 0.0 < slope)
-    if state_kernels.withdrawn(model.hand, counts):
-        touches = False
     if drifts and (touches or pushed):
         mean, swing = mean_of_drift(model.slow, awake, state.z, model.table, model.rho)
     root = 0.0
@@ -606,8 +599,6 @@ def step(model, state, command):
     if sloped and not model.same_point:
         y += g[elastic.AA1] * f_a1
     modal_gap = sphere - x - own_1
-    if state_kernels.withdrawn(model.hand, counts):
-        modal_gap = AWAY_M
     force_1, body[STORED], root = yielding.settle(model.law, contact, state, modal_gap, root)
     state.balance[INJECTED] += f_a * (y - body[MODAL_Y])
     if sloped and pushed:
@@ -636,7 +627,6 @@ def step(model, state, command):
     if sloped:
         body[SWING] += g[elastic.SWING1] * f_a1
     _observe(model, body, sphere, sphere_v, modal_gap, force_1, root, f_a, f_a1, push)
-    state_kernels.withdraw(model.hand, model, state)
     _note(model.probe, model, body, drifted, f_c, f_c1, f_a, f_a1)
     body[F_C] = f_c
     body[F_C1_BEFORE] = body[F_C1]

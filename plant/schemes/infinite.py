@@ -42,7 +42,6 @@ def build_model(spec: PlantSpec) -> infinite_kernels.InfiniteModel:
         flexibility_m_n=0.0,
         same_point=True,
         impedance_n_s_m=z,
-        power=spec.contact.power,
         gains=gains,
         **common_fields(spec),
     )

@@ -6,7 +6,7 @@ displacement. The contact force of a step is F_0 + F_1 (2 t/h - 1) as in
 integral of F^2/Z, does not come back: the balance counts it as modal dissipation.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from hertzloop.plant import state_kernels
 from hertzloop.plant.contact import elastic_kernels as elastic
 from hertzloop.plant.state_kernels import (
     A_P,
-    AWAY_M,
     F_A,
     F_C,
     F_C1,
@@ -48,8 +47,6 @@ class InfiniteModel(NamedTuple):
     hunt_crossley_s_m: float
     same_point: bool
     impedance_n_s_m: float
-    power: Any  # of the contact, hertzloop.plant.contact.elastic_kernels
-    hand: Any  # of hertzloop.plant.state_kernels
     gains: np.ndarray
 
 
@@ -82,8 +79,6 @@ def step(model, state, f_a):
     plate = plate_0 + g[elastic.CA] * f_a
     gap_0 = sphere_0 - plate_0
     free = sphere - plate
-    if state_kernels.withdrawn(model.hand, counts):
-        gap_0 = free = AWAY_M
     # The plate's velocity follows the force at once: at the start it is that under the new F_a.
     slope_0 = h * (before_v - plate_speed(model, gap_0, before_v, f_a))
     slope = h * (sphere_v - g[elastic.VA] * f_a)
@@ -92,8 +87,6 @@ def step(model, state, f_a):
     f_c1 = 0.0
     lost = 0.0
     touches = gap_0 < 0.0 or free < 0.0 or (slope_0 < 0.0 < slope)
-    if state_kernels.withdrawn(model.hand, counts):
-        touches = False
     if touches:
         sphere_mean = sphere_0 + 0.5 * h * before_v - h * h * gravity / 6.0
         free_mean = sphere_mean - plate_0 - g[elastic.MA] * f_a
@@ -118,8 +111,6 @@ def step(model, state, f_a):
     balance[MODAL_DISSIPATED] += h * (driven * driven + f_c1 * f_c1 / 3.0) / model.impedance_n_s_m
     balance[INJECTED] += f_a * (plate - plate_0)
     gap = sphere - plate
-    if state_kernels.withdrawn(model.hand, counts):
-        gap = AWAY_M
     body[STORED] = elastic.elastic(contact, gap)[1]
     speed = plate_speed(model, gap, sphere_v, f_a)
     body[V_P_OF_STEP] = body[V_P]
@@ -129,7 +120,6 @@ def step(model, state, f_a):
     body[XI_P] = plate
     body[XI_A] = plate
     body[V_P] = speed
-    state_kernels.withdraw(model.hand, model, state)
     body[F_C] = f_c
     body[F_C1] = f_c1
     body[F_A] = f_a

@@ -43,8 +43,6 @@ class Scheme:
     supports_truncated_modes: bool = False  # the modes left out as a spring, or as one damped mode
     supports_yield: bool = False  # a contact that yields
     supports_actuator_dynamics: bool = False  # bandwidth, mass and limit of the actuator
-    supports_hammer: bool = False  # a striker without weight, which a hand withdraws
-    supports_exponent: bool = False  # contact forces other than Hertz's
     supports_sensor_elsewhere: bool = False  # a sensor beside the contact
     supports_export: bool = False  # its plant as an FMU or a C library
 
@@ -75,7 +73,7 @@ SCHEMES = {
         f"{_AT}.collocation:CollocationPlant", infinite_plate=f"{_AT}.infinite:InfinitePlant",
         records_slope=True, has_linear_model=True,
         supports_truncated_modes=True, supports_yield=True,
-        supports_actuator_dynamics=True, supports_hammer=True, supports_exponent=True,
+        supports_actuator_dynamics=True,
         supports_sensor_elsewhere=True, supports_export=True,
     ),
     "thesis2008": Scheme(

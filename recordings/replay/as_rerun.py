@@ -75,8 +75,7 @@ def fill(stream: rr.RecordingStream, replay: ReplayData, still: bool = False) ->
     /states, /about."""
     deflection, drawn, at_frames = replay.deflection, replay.drawn, replay.at_frames
     scene3d.send_plate(stream, deflection, drawn)
-    hammer = replay.striker != "sphere"
-    scene3d.send_sphere(stream, at_frames["xi_s_m"], at_frames["xi_m"], deflection, drawn, hammer)
+    scene3d.send_sphere(stream, at_frames["xi_s_m"], at_frames["xi_m"], deflection, drawn)
     if replay.labels.actuator_m is not None:
         at, full_n = replay.labels.actuator_m, _full_arrow_n(replay)
         scene3d.send_actuator(stream, at_frames["f_a_n"], deflection, at, drawn, full_n)
@@ -205,9 +204,7 @@ def _about(replay: ReplayData, still: bool) -> str:
         lines[-1] = "The plate is at rest" if replay.deflection.known else "It is drawn flat"
     if replay.sphere_radius_m:
         larger = replay.drawn.sphere_radius_m / replay.sphere_radius_m
-        lines[-1] += (
-            f", the {replay.striker} {larger:.2g} times its size, at a compressed height in flight"
-        )
+        lines[-1] += f", the sphere {larger:.2g} times its size, at a compressed height in flight"
     lines[-1] += ". Its penetration is plotted, not drawn."
     if replay.contacts and not still:
         lines += [

@@ -54,9 +54,8 @@ class ReplayData:
         plots: All plots, from top to bottom.
         drawn: Scale of the drawing.
         at_frames: Lowest point of the sphere, gap and actuator force by field, (frames,) each.
-        sphere_radius_m: Radius of the sphere, or of the hammer tip.
+        sphere_radius_m: Radius of the sphere.
         labels: What is shown beside the contents of the recording.
-        striker: "sphere", or "hammer tip".
     """
 
     recording: Recording
@@ -68,7 +67,6 @@ class ReplayData:
     at_frames: Arrays
     sphere_radius_m: float
     labels: ReplayLabels
-    striker: str = "sphere"
 
 
 def prepare(
@@ -94,16 +92,13 @@ def prepare(
         touching = begun, begun + (contacts[0].end - contacts[0].first) * truth.step_ns
     run_ns = truth.time_ns_at(0), truth.time_ns_at(truth.samples - 1)
     when = moments(run_ns, touching, truth.step_ns, labels.until_ns)
-    hammer = recording.scene_value("hammer", "mass_kg") is not None
-    where = ("hammer", "tip_radius_m") if hammer else ("sphere", "radius_m")
-    radius = float(recording.scene_value(*where, 0.0))
+    radius = float(recording.scene_value("sphere", "radius_m", 0.0))
     drawn = scene3d.scale(deflection, when.selection_ns, radius)
     all_plots = [*plots(recording, contacts, labels.reference), *labels.more_plots]
     frames = deflection.times_ns // truth.step_ns - truth.first_step
     at_frames = samples_at(truth, frames, ("xi_s_m", "xi_m", "f_a_n"))
-    striker = "hammer tip" if hammer else "sphere"
     return ReplayData(
-        recording, deflection, contacts, when, all_plots, drawn, at_frames, radius, labels, striker
+        recording, deflection, contacts, when, all_plots, drawn, at_frames, radius, labels
     )
 
 

@@ -274,13 +274,9 @@ def send_sphere(
     xi_m: np.ndarray,
     deflection: Deflection,
     drawn: Scale,
-    hammer: bool = False,
 ) -> None:
-    """The sphere, or the tip of a `hammer` with its head and handle, in another colour while it
-    touches, by its lowest point and the gap (frames,)."""
+    """The sphere, in another colour while it touches, by its lowest point and the gap (frames,)."""
     centres = sphere_centres(deflection, xi_s_m, drawn)
-    if hammer:
-        _send_head(stream, centres, drawn.sphere_radius_m, deflection)
     colours = np.where(xi_m < 0.0, _TOUCHING, _STEEL).astype(np.uint32)
     shape = rr.Ellipsoids3D.from_fields(
         half_sizes=[(drawn.sphere_radius_m,) * 3], fill_mode="solid"
@@ -288,28 +284,6 @@ def send_sphere(
     stream.log("scene/sphere", shape, static=True)
     columns = rr.Ellipsoids3D.columns(centers=centres, colors=colours)
     stream.send_columns("scene/sphere", [times(deflection.times_ns)], columns)
-
-
-_HEAD, _HANDLE = (1.3, 1.3, 2.6), (7.0, 0.5, 0.5)  # half sizes, in radii of the tip
-_WOOD = 0xA87B4FFF
-
-
-def _send_head(
-    stream: rr.RecordingStream, tips: np.ndarray, radius_m: float, deflection: Deflection
-) -> None:
-    """Head and handle of a hammer above its tip, by the centres of that (frames, 3)."""
-    up = np.array([0.0, 0.0, radius_m * (_HEAD[2] + 0.5)], np.float32)
-    along = np.array([radius_m * (_HANDLE[0] + _HEAD[0]), 0.0, 0.0], np.float32)
-    parts = (("head", _HEAD, _STEEL, tips + up), ("handle", _HANDLE, _WOOD, tips + up + along))
-    for name, sizes, colour, centres in parts:
-        shape = rr.Boxes3D.from_fields(
-            half_sizes=[tuple(radius_m * size for size in sizes)],
-            colors=[colour],
-            fill_mode="solid",
-        )
-        stream.log(f"scene/hammer/{name}", shape, static=True)
-        columns = rr.Boxes3D.columns(centers=centres)
-        stream.send_columns(f"scene/hammer/{name}", [times(deflection.times_ns)], columns)
 
 
 def send_actuator(

@@ -38,7 +38,6 @@ class LawSpec:
     impedance_n_s_m: float = math.inf
     gain: float = 0.0
     leak_hz: float = 0.0
-    exponent: float = 1.5
 
     def constants(self, sample_s: float) -> Any:
         """What the law sees as `p`."""

@@ -33,12 +33,6 @@ BESIDE = [
     "controller.law=velocity_feedback",
     "run.duration_s=0.003",
 ]
-HAMMER = [
-    "controller.law=off",
-    "run.duration_s=0.012",
-    "hammer.mass_kg=0.1",
-    "hammer.speed_m_s=0.5",
-]
 DAMPED = ["contact.damping=hunt_crossley", "contact.restitution=0.6"]
 SCENES = {
     "default, many bounces": ("aluminium-3mm", ["run.duration_s=0.5"]),
@@ -53,11 +47,6 @@ SCENES = {
     "end in contact": ("aluminium-20mm", ["run.duration_s=0.0013", "controller.law=off"]),
     "long steps": ("aluminium-20mm", ["run.step_ns=20000"]),
     "sensor, actuator and its mass beside": ("aluminium-3mm", BESIDE),
-    "hammer": ("aluminium-3mm", [*HAMMER, *DAMPED, "hammer.tip_radius_m=0.006"]),
-    "hammer, linear tip": ("aluminium-3mm", [*HAMMER, "hammer.tip_stiffness=1e6",
-        "hammer.tip_exponent=1", "hammer.bounces=false"]),
-    "hammer, square tip": ("aluminium-3mm", [*HAMMER, *DAMPED, "hammer.tip_stiffness=1e10",
-        "hammer.tip_exponent=2", "plate.tail=spring", "hammer.bounces=false"]),
 }  # fmt: skip
 
 

@@ -141,7 +141,7 @@ def _of_actuator(setup: Setup, free_us: float) -> list[BudgetQuantity]:
             "actuator.mass_kg",
             "kg",
             masses,
-            f"the actuator is too heavy for the {setup.sphere.noun} to move",
+            "the actuator is too heavy for the sphere to move",
             None,
             _place(masses, actuator.mass_kg or 0.0),
         ),

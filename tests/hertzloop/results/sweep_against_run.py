@@ -141,7 +141,6 @@ KINDS: dict[str, Values] = {
         "sensors.point_m": [[0.15, 0.1], [0.2, 0.12]],
         "controller.law": ["velocity_feedback", "acceleration_feedback"],
     },
-    "sensor mass": {"sensors.mass_kg": [0.001]},
     "other plate": {
         "plate.material": ["steel", "glass"],
         "plate.size_m": [[0.4, 0.3]],
@@ -149,23 +148,8 @@ KINDS: dict[str, Values] = {
         "plate.contact_point_m": [[0.17, 0.14]],
     },
     "clamped": {"plate.edges": ["cccc", "cfcf"], "run.accuracy": [0.05]},
-    "radiation": {"plate.radiation": ["one_face", "two_faces"]},
     "damped tail": {"plate.tail": ["damped"], "run.plate_model": ["modal"]},
     "spring tail": {"plate.tail": ["spring"], "run.plate_model": ["modal"]},
-    "solid plate": {"plate.theory": ["auto"], "run.accuracy": [0.05]},
-    "hammer": {
-        "hammer.mass_kg": [0.05, 0.2],
-        "hammer.speed_m_s": [0.5],
-        "hammer.tip_radius_m": [0.003],
-        "hammer.tip_material": ["steel", "aluminium"],
-        "hammer.bounces": [False, True],
-    },
-    "rated hammer": {
-        "hammer.mass_kg": [0.05],
-        "hammer.speed_m_s": [0.5],
-        "hammer.tip_stiffness": [1e8],
-        "hammer.tip_exponent": [1.2],
-    },
 }
 # Kinds whose kernels most tests need, so that the default tier compiles none for these draws.
 QUICK_KINDS = ("plain", "modal", "yield", "slow actuator", "hunt-crossley")
@@ -266,8 +250,6 @@ def draw(seed: int, number: int, kinds: tuple[str, ...] = tuple(KINDS)) -> tuple
             keys |= _chosen(rng, {k: v for k, v in group.may.items() if k in known}, 0.5)
     if known >= set(kind):
         keys |= _chosen(rng, {key: v for key, v in kind.items() if key != "controller.law"})
-    if any(key.startswith("hammer.") for key in keys):  # it takes the place of the sphere
-        keys = {key: value for key, value in keys.items() if not key.startswith("sphere.")}
     return scene, keys
 
 

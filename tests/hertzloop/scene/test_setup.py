@@ -48,12 +48,6 @@ TRIED: dict[str, list[Any]] = {
     "controller.clock_ppm": [50.0],
     "controller.clock_phase": [0.6],
     "controller.slew_n_s": [1e7],
-    "hammer.mass_kg": [0.07],
-    "hammer.speed_m_s": [0.6],
-    "hammer.tip_radius_m": [0.004],
-    "hammer.tip_stiffness": [3e6],
-    "hammer.tip_exponent": [1.2],
-    "hammer.bounces": [True],
     "actuator.bandwidth_hz": [3e4],
     "actuator.mass_kg": [1e-3],
     "actuator.force_limit_n": [20.0],
@@ -61,8 +55,6 @@ TRIED: dict[str, list[Any]] = {
     "contact.limiting_pressure_pa": [2e8],
     "run.touch_phase": [0.3, "random"],
 }
-_HAMMER = {"hammer.mass_kg": 0.1, "hammer.speed_m_s": 0.5}
-_BY_RADIUS = {**_HAMMER, "hammer.tip_radius_m": 0.005}
 # What a key needs beside itself to have an effect, or to be accepted.
 WITH: dict[str, dict[str, Any]] = {
     "contact.restitution": {"contact.damping": "hunt_crossley"},
@@ -77,13 +69,6 @@ WITH: dict[str, dict[str, Any]] = {
     "sensors.point_m": {"sensors.quantity": "v_p"},
     "sensors.low_pass": {"sensors.low_pass_hz": 9e4, "sensors.low_pass_order": 4},
     "sensors.low_pass_order": {"sensors.low_pass_hz": 9e4},
-    **dict.fromkeys(
-        [f"hammer.{name}" for name in ("mass_kg", "speed_m_s", "bounces", "tip_material")],
-        _BY_RADIUS,
-    ),
-    "hammer.tip_radius_m": _HAMMER,
-    "hammer.tip_stiffness": {**_HAMMER, "hammer.tip_exponent": 1.0},
-    "hammer.tip_exponent": {**_HAMMER, "hammer.tip_stiffness": 2e6},
 }
 NOT_TRIED = {
     "name",

@@ -21,6 +21,7 @@ from hertzloop.plant.actuator import build_model
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.factory import plant_at_start
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.structure import frequencies
 from hertzloop.scene.build import check_modes_reach_impact
 from hertzloop.scene.errors import SceneError
@@ -219,7 +220,7 @@ class ImpactSimulator:
             truth,
             spec.contact,
             sphere.impact_speed_m_s,
-            sphere.gravity_m_s2,
+            GRAVITY_M_S2,
             mobility,
             pushed,
             held,
@@ -260,8 +261,8 @@ class ImpactSimulator:
 
 def _lead_s(spec: PlantSpec) -> float:
     """Flight before the touch, s, as the plant rounds it."""
-    speed_m_s, g = spec.sphere.impact_speed_m_s, spec.sphere.gravity_m_s2
-    fall_s = speed_m_s / g if g else math.inf
+    speed_m_s, g = spec.sphere.impact_speed_m_s, GRAVITY_M_S2
+    fall_s = speed_m_s / g
     height, _ = state_kernels.released(speed_m_s, g, spec.lead_in_s, spec.step_s, PHASE)
     # Height = lead (v - g lead/2); the smaller root is the lead.
     root = math.sqrt(max(speed_m_s**2 - 2.0 * g * float(height), 0.0))

@@ -96,7 +96,7 @@ class SimulatedImpact:
         found = elastic_n(self.contact, -gap, deepest)
         if self.contact.has_damper:
             rate = -self._spline(ts.XI)(time_s, 1)
-            elastic = self.contact.stiffness * np.maximum(-gap, 0.0) ** self.contact.exponent
+            elastic = self.contact.stiffness * np.maximum(-gap, 0.0) ** 1.5
             damper = self.contact.viscous_n_s_m + self.contact.hunt_crossley_s_m * elastic
             found = found + damper * rate
         return np.asarray(np.where(above < 0.0, found, 0.0))
