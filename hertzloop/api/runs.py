@@ -325,7 +325,7 @@ def read(recording: str | Path) -> Run:
             f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
         )
     try:
-        setup = parse(found.scene_toml)
+        setup = parse(found.scene_toml, recorded=True)
     except SceneError as error:
         words = f"{recording}: its scene cannot be simulated here: {error}{found.other_version}"
         raise RecordingError(words) from error

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.api.parameters import with_parameter_names
+from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.scene import Scene
@@ -49,7 +50,13 @@ def vary(scene: AnyScene, values: Mapping[str, Any]) -> Scene:
     Raises:
         SceneError: a key is unknown, or a value is not possible.
     """
-    return vary_scene(current(scene), values)
+    try:
+        now = current(scene)
+    except SceneError:
+        if not isinstance(scene, Scene) or "controller.law" not in values:
+            raise
+        now = scene  # a recording's, whose law is not needed
+    return vary_scene(now, values)
 
 
 def current(scene: AnyScene) -> Scene:

@@ -6,6 +6,7 @@ import shutil
 
 import pytest
 
+from hertzloop.api import runs, scenes
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.recordings.compare import first_difference
@@ -213,7 +214,15 @@ def test_new_law_and_scene_run_as_they_are(here):
 def test_a_recording_outlives_its_law(here):
     path = write_law(here)
     run_recorded(aluminium_3mm(SHORT, "controller.law=mine.py"), here / "a.mcap")
-    path.unlink()
+    first = runs.read("a.mcap").metrics.first_impact
+    for change in (lambda: write_law(here, "s.largest_n += 0.0"), path.unlink):
+        change()
+        recorded = runs.read("a.mcap")
+        assert recorded.metrics.first_impact == first
+        assert recorded.verdict
+        with pytest.raises(SceneError, match=r"Copy the same file to both sides|no such file"):
+            runs.simulate(recorded.scene)
+        assert scenes.vary(recorded.scene, {"controller.law": "off"}).controller.law == "off"
     succeed("inspect", "a.mcap", "--json", "i.json")
     data = json_in(here / "i.json")
     assert data["complete"]
