@@ -121,18 +121,6 @@ def oscillators(
     )
 
 
-def oscillator_shapes(
-    structure: Structure,
-    contact_m: Point,
-    actuator_m: Point,
-    omega_max: float,
-    of_modes: np.ndarray,
-) -> np.ndarray:
-    """Shapes of the `oscillators`, (oscillators, ...), from those of all modes, (modes, ...)."""
-    modes = structure.modes(omega_max, contact_m, actuator_m)
-    return grouped(modes, structure.same_point(contact_m, actuator_m)).shapes(of_modes)
-
-
 def frequencies(structure: Structure, contact_m: Point, actuator_m: Point, omega_max: float) -> int:
     """How many oscillators there are below a limit, zero without any."""
     try:

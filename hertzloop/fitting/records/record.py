@@ -84,6 +84,13 @@ class Record:
                 "remove the column of times and give record.rate_hz."
             )
 
+        largest_s = float(np.max(np.abs(self.time_s)))
+        if np.spacing(largest_s) > 0.01 * self.interval_s:
+            raise RecordError(
+                f"{self.name}: its times are so large that a double holds them to "
+                f"{np.spacing(largest_s):.2g} s only. Subtract the time of the first sample."
+            )
+
     def repeats(self, other: "Record") -> bool:
         """Whether another record holds the same samples of a file of the same bytes."""
         return (

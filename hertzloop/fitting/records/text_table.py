@@ -37,6 +37,11 @@ def read_text_table(path: Path, decimal: str) -> dict[str, np.ndarray]:
         lines = text_of(path.read_bytes()).rstrip().split("\n")
     except ValueError as error:
         raise RecordError(f"{path}: {error}.") from error
+    if any(line.startswith("#") and "[record]" in line for line in lines):
+        raise RecordError(
+            f"{path}: has a [record] table in its comments. Write the table to "
+            f"{path.with_suffix('.toml').name}."
+        )
     lines = [line for line in lines if not line.startswith("#")]
     if len(lines) < 2 or "" in map(str.strip, lines):
         raise _refusal(path, "has no rows, or an empty line between its rows")

@@ -71,6 +71,7 @@ def test_text_tables_are_read(tmp_path, text, given):
         (table("time_s,force_n").replace("\n", "\n\n", 3), {}, "an empty line between"),
         (table("time_s,force_n"), {"rate_hz": 2e6}, "has times in the column 'time_s'"),
         (table("a_n,force_n"), {}, "0 columns are times"),
+        ("# [record]\n# unit = \"kN\"\n" + table("time_s,force_n"), {}, r"Write .* drop\.toml"),
         (table("force_n,contact_force_n"), {"rate_hz": 2e6}, "several columns could be meant"),
         (table("time_s,force_n"), {"column": "f"}, r"'f': not a column .* time_s, force_n"),
     ],

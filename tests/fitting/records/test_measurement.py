@@ -57,6 +57,11 @@ def test_a_record_of_arrays_is_fitted_beside_a_file(tmp_path):
     assert [one.name for one in found.records] == ["drop.csv", "again"]
 
 
+def test_times_that_a_double_cannot_resolve_are_refused():
+    with pytest.raises(RecordError, match=r"to 2\.4e-07 s only\. Subtract the time of the first"):
+        hertzloop.Record("drop", 1.6e9 + 1e-6 * np.arange(30.0), np.ones(30), "contact_force")
+
+
 @pytest.mark.parametrize(("values", "quantity", "table", "words"), [
     (np.ones(30), "force", {}, r"record\.quantity = 'force': not known"),
     (np.ones(29), "contact_force", {}, r"times of shape \(30,\) and values of shape \(29,\)"),
