@@ -56,14 +56,12 @@ event.register("numba:compile", Own())
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.metrics import metrics_of
-from hertzloop.results.model import chosen_model
 from hertzloop.scene.build import free_series
 from hertzloop.scene.setup import load
 scene = load("aluminium-20mm", ["controller.law=off", "run.duration_s=0.006"])
 with tempfile.TemporaryDirectory() as folder:
     for compiled in (False, True):
         record_in_process(scene, Path(folder, f"{compiled}.mcap"), compiled=compiled)
-chosen_model(scene)
 metrics_of(scene, free_series(scene))
 metrics_of(scene, simulate(scene).truth)
 print(json.dumps(Own.seconds))

@@ -290,9 +290,7 @@ def _run_loop(setup: "Setup", folder: Path) -> None:
 
 def _run_results(setup: "Setup", folder: Path) -> None:
     from hertzloop.results.metrics import metrics_of
-    from hertzloop.results.model import chosen_model
 
-    chosen_model(setup)
     metrics_of(setup, free_series(setup))
 
 

@@ -1,47 +1,14 @@
-"""The models that a run used for its plant, and what they cost against the full model."""
+"""The models that a run used for its plant."""
 
-import math
-import time
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from hertzloop.bus.messages_pb2 import EnergyBalance
-from hertzloop.plant.plant import Balance, PlantSpec
-from hertzloop.plant.schemes.factory import built
+from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.infinite import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.state_kernels import FLIGHT_X, XI, XI_S
-from hertzloop.plant.structures.structure import frequencies
-from hertzloop.plant.time_series import series_under
 from hertzloop.scene.plate_model import NEAREST, wavelengths_to_edge
 from hertzloop.scene.setup import Setup
-
-_COUNTED = 500_000  # modes; beyond, the full model is only said to be larger
-_TIMED = 4_000  # frequencies that can be built and timed within 0.3 s
-_LIFT_M = 1e3  # keeps the sphere off the plate
-_ROUNDS, _STEPS = 5, 1_000  # of the timing, both models in turn
-
-
-@dataclass(frozen=True)
-class FullModel:
-    """The cost of all modes that the step supports.
-
-    Attributes:
-        frequency_limit_hz: limit of these modes, Hz.
-        modes: their approximate number.
-        frequencies: number of their frequencies; None if too many to count.
-        frequency_ratio: that number over the chosen one; None for an infinite plate.
-        measured_ratio: measured time of a step under force over that of the chosen model; None if
-            the measurement would take long.
-    """
-
-    frequency_limit_hz: float
-    modes: float
-    frequencies: int | None = None
-    frequency_ratio: float | None = None
-    measured_ratio: float | None = None
 
 
 @dataclass(frozen=True)
@@ -51,15 +18,10 @@ class PlateModel:
     Attributes:
         plate_model: "modal" or "infinite".
         impedance_n_s_m: impedance of the infinite plate, N s/m; None for another structure.
-        infinite_until_s: time until which the infinite plate is accurate enough, s; None if it is
-            not for a whole contact.
-        full: the cost of all modes.
     """
 
     plate_model: str
     impedance_n_s_m: float | None
-    infinite_until_s: float | None
-    full: FullModel
 
 
 @dataclass(frozen=True)
@@ -101,52 +63,20 @@ class PlantParts:
 
 
 def chosen_model(setup: Setup) -> PlateModel | None:
-    """Return the plate model of a run and the cost of the full model; None for the published
-    scheme, which always has the full model."""
+    """Return the plate model of a run; None for the published scheme, which has all modes."""
     if not SCHEMES[setup.scheme].limits_modes:
         return None
-    spec = setup.plant
-    lasts_s, local = setup.infinite_plate.lasts_s(), spec.plate.local_plate
+    local = setup.plant.plate.local_plate
     return PlateModel(
-        plate_model="infinite" if spec.infinite_plate else "modal",
+        plate_model="infinite" if setup.plant.infinite_plate else "modal",
         impedance_n_s_m=impedance_n_s_m(local) if local else None,
-        infinite_until_s=setup.first_touch_s + lasts_s if lasts_s else None,
-        full=_full_model(setup, spec),
     )
 
 
-def _full_model(setup: Setup, spec: PlantSpec) -> FullModel:
-    limit_hz = 0.5 / setup.step_s
-    if spec.plate.mode_table is None:
-        limit_hz = min(limit_hz, spec.plate.highest_hz)
-    modes = spec.plate.modes_below(limit_hz)
-    if modes > _COUNTED:
-        return FullModel(limit_hz, modes)
-
-    def count(up_to_hz: float) -> int:
-        omega = 2.0 * math.pi * up_to_hz
-        return frequencies(spec.plate, spec.contact_point_m, spec.actuator_point_m, omega)
-
-    found, ratio, measured = count(limit_hz), None, None
-    if not spec.infinite_plate:
-        ratio = found / count(spec.frequency_limit_hz)
-    if found <= _TIMED:
-        whole = replace(spec, frequency_limit_hz=limit_hz, infinite_plate=False)
-        chosen = built(spec, setup.scheme)
-        # Time of a step under an actuator force, the one's against the other's: least of some
-        # rounds in which they take turns. (In flight a damped plate's modes fall silent and cost
-        # nothing.)
-        plants = [built(whole, setup.scheme).at_start(), chosen.at_start()]
-        for plant in plants:
-            plant.state.body[[FLIGHT_X, XI, XI_S]] += _LIFT_M
-        least, force = [math.inf, math.inf], np.ones(_STEPS)
-        for _ in range(_ROUNDS):
-            for i, plant in enumerate(plants):
-                started = time.perf_counter()
-                series_under(plant, force)
-                least[i] = min(least[i], time.perf_counter() - started)
-        measured = least[0] / least[1]
-    return FullModel(limit_hz, modes, found, ratio, measured)
+def step_limit_hz(setup: Setup) -> float:
+    """Return the limit of the modes that the step supports and the structure knows, Hz."""
+    plate, limit_hz = setup.plant.plate, 0.5 / setup.step_s
+    return limit_hz if plate.mode_table is not None else min(limit_hz, plate.highest_hz)
 
 
 def yield_of(balance: EnergyBalance | Balance | None) -> Yield | None:

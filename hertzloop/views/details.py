@@ -3,9 +3,11 @@
 import math
 from typing import Any
 
+from hertzloop.common.readable import quantity
 from hertzloop.loop.run_options import Transport
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results import model
+from hertzloop.results.model import step_limit_hz
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.statistics import ActuatorDemand
 from hertzloop.scene.controller import mean_latency_us
@@ -15,44 +17,76 @@ from hertzloop.views.law_line import law_line
 
 
 def run_table(report: RunReport) -> Table:
-    """Return the table of a run's properties; a row without a value is left out."""
-    setup, parts, wall_s = report.setup, report.parts, report.wall_s
-    balance, demand = report.balance, report.assessed.result.metrics.demand
-    assessed, full = report.assessed, parts.model and parts.model.full
-    structure = report.structure
+    """Return the table of a run's properties, in six rows."""
+    balance = report.balance
+    rows = {
+        "run": _run_words(report),
+        "time": _time_words(report),
+        "plate": _plate_words(report),
+        "contact": _contact_words(report),
+        "actuator": _actuator_words(report),
+        "residuals": f"energy {balance.energy_residual:.1e}, momentum "
+        f"{balance.momentum_residual:.1e} (relative)",
+    }
+    table = Table("", "", show_header=False)
+    for heading, words in rows.items():
+        table.add_row(heading, words)
+    return table
+
+
+def _run_words(report: RunReport) -> str:
+    """State scene, seed, transport, law and scheme."""
+    setup = report.setup
+    note = SCHEMES[setup.scheme].note
+    scheme = f"; scheme {setup.scheme}: {note}" if note else ""
+    law = law_line(report.assessed.law)
+    return f"{setup.name}, seed {setup.seed}, {report.transport}; law {law}{scheme}"
+
+
+def _time_words(report: RunReport) -> str:
+    """State steps, wall time, exchanges and the time by role."""
+    setup, wall_s = report.setup, report.wall_s
     factor = setup.duration_s / wall_s if wall_s else math.inf
     rate = setup.steps / max(wall_s, 1e-9)
-    note = SCHEMES[setup.scheme].note
-    limit = parts.limiting_pressure
-    residuals = (
-        f"energy {balance.energy_residual:.1e}, momentum {balance.momentum_residual:.1e} (relative)"
-    )
-    rows = (
-        ("scene, seed, transport", f"{setup.name}, {setup.seed}, {report.transport}"),
-        ("law that ran", law_line(assessed.law)),
-        ("steps", f"{setup.steps:,}"),
-        ("wall time", f"{wall_s:.4g} s, {factor:.3g} times real time, {rate:,.0f} steps/s"),
-        ("scheme", note and f"{setup.scheme}: {note}"),
-        ("actuator demand", demand and demand_words(demand)),
-        ("limiting pressure", limit and pressure_words(limit)),
-        ("yield", assessed.yielded and yield_words(assessed.yielded)),
-        ("mean latency", mean_latency_words(setup)),
-        ("exchanges", _exchanges(report)),
-        ("time by role", _time_by_role(report)),
-        ("real-time profile", report.realtime),
-        ("structure", "" if structure["closed_form"] else _structure_words(structure)),
-        ("plate model", _model_order(report)),
-        ("truncated modes", parts.truncated_modes and truncated_words(parts.truncated_modes)),
-        ("full model", full and "modes_in_file" not in structure and _full_model(full)),
-        ("infinite plate", parts.model and _infinite_plate(report, parts.model)),
-        ("contact solve", f"at most {balance.newton_iterations_max} evaluations a step"),
-        ("residuals", residuals),
-    )
-    table = Table("", "", show_header=False)
-    for heading, words in rows:
-        if words:
-            table.add_row(heading, words)
-    return table
+    words = [
+        f"{setup.steps:,} steps in {wall_s:.4g} s, {factor:.3g} times real time, "
+        f"{rate:,.0f} steps/s",
+        f"exchanges: {_exchanges(report)}",
+        f"time by role: {_time_by_role(report)}",
+    ]
+    if report.realtime:
+        words.append(f"real-time profile: {report.realtime}")
+    return "; ".join(words)
+
+
+def _plate_words(report: RunReport) -> str:
+    """Describe the structure, the model of the plate and its truncated modes."""
+    structure, truncated = report.structure, report.parts.truncated_modes
+    words = [] if structure["closed_form"] else [_structure_words(structure)]
+    words.append(_model_order(report))
+    if truncated:
+        words.append(truncated_words(truncated))
+    return "; ".join(words)
+
+
+def _contact_words(report: RunReport) -> str:
+    """State the limiting pressure, what yielded, and the cost of the contact solver."""
+    limit, found = report.parts.limiting_pressure, report.assessed.yielded
+    words = [f"at most {report.balance.newton_iterations_max} evaluations a step"]
+    if limit:
+        words.append(f"limiting pressure {pressure_words(limit)}")
+    if found:
+        words.append(yield_words(found))
+    return "; ".join(words)
+
+
+def _actuator_words(report: RunReport) -> str:
+    """State what was demanded of the actuator, and the mean latency."""
+    demand, mean = report.assessed.result.metrics.demand, mean_latency_words(report.setup)
+    words = [demand_words(demand)] if demand else []
+    if mean:
+        words.append(f"mean latency {mean}")
+    return "; ".join(words) or "no force"
 
 
 def mean_latency_words(setup: Setup) -> str:
@@ -119,7 +153,8 @@ def _structure_words(found: dict[str, Any]) -> str:
 
 def yield_words(found: model.Yield) -> str:
     """Describe the permanent dent and the dissipated energy of a contact that yielded."""
-    return f"a dent of {found.dent_m * 1e6:.3g} um, {found.dissipated_j * 1e6:.4g} uJ dissipated"
+    dissipated = quantity(found.dissipated_j, "J", 4)
+    return f"a dent of {quantity(found.dent_m, 'm')}, {dissipated} dissipated"
 
 
 def pressure_words(limit: dict[str, Any]) -> str:
@@ -165,7 +200,7 @@ def _model_order(report: RunReport) -> str:
     why = what_limits(
         of_file="modes_in_file" in report.structure,
         limit_hz=limit_hz,
-        full_hz=model.full.frequency_limit_hz,
+        full_hz=step_limit_hz(report.setup),
     )
     return f"{chosen} (requested: {asked:g}; {why})"
 
@@ -187,38 +222,10 @@ def error_words(expected: float | None, asked: float) -> str:
     return next(word for word in words if float(word) > asked)
 
 
-def _full_model(full: model.FullModel) -> str:
-    """Describe the cost of all modes that the step supports."""
-    limit = f"up to {full.frequency_limit_hz / 1e3:.4g} kHz = 1/(2 step)"
-    if full.frequencies is None:
-        return f"about {full.modes:.2g} modes {limit}, too many to count here"
-    words = [f"{full.frequencies:,} frequencies {limit}"]
-    if full.frequency_ratio is not None:
-        words.append(f"{full.frequency_ratio:.3g} times as many")
-    if full.measured_ratio is not None:
-        words.append(f"a step under force takes {full.measured_ratio:.3g} times as long (measured)")
-    elif full.frequency_ratio is not None:
-        words.append("a ratio of frequencies, not of measured time")
-    return "; ".join(words)
-
-
-def _infinite_plate(report: RunReport, model: model.PlateModel) -> str:
-    """Say until when an infinite plate is sufficient; empty if the first contact lasts longer."""
-    until_s, impacts = model.infinite_until_s, report.assessed.result.metrics.impacts
-    if model.plate_model == "infinite" or until_s is None or not impacts:
-        return ""
-    if impacts[0].start_s + impacts[0].duration_s > until_s:
-        return ""
-    return (
-        f"sufficient until {until_s * 1e3:.4g} ms, beyond the first contact "
-        f"(run.plate_model, requested: {report.assessed.requested_accuracy:g})"
-    )
-
-
 def truncated_words(found: model.TruncatedModes) -> str:
     """Describe the damped mode that replaces the truncated modes."""
     words, away = (
-        f"one damped mode dissipated {found.lost_j * 1e6:.3g} uJ",
+        f"one damped mode dissipated {quantity(found.lost_j, 'J')}",
         found.wavelengths_to_edge,
     )
     if away >= found.needed:
