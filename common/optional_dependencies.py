@@ -9,7 +9,6 @@ EXTRAS = {
     "pymoo": "tune",
     "cryptography": "hosts",
     "fmpy": "interop",
-    "h5py": "h5",
     "distributed": "dask",
     "control": "control",
     "optuna": "comparisons",

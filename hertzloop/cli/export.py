@@ -12,7 +12,6 @@ import typer
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import err, fail, out, say_problems
 from hertzloop.common.jit.object_code import outline
-from hertzloop.common.optional_dependencies import need
 from hertzloop.recordings.reader import read
 from hertzloop.views.labels import export_labels
 
@@ -21,9 +20,7 @@ def export(
     file: options.FileArgument,
     out_file: Annotated[
         Path,
-        typer.Option(
-            "--out", "-o", metavar="F", help="Write this .mcap, .parquet, .csv, .npz or .h5 file."
-        ),
+        typer.Option("--out", "-o", metavar="F", help="Write this .mcap, .parquet or .csv file."),
     ],
     from_ms: Annotated[
         float, typer.Option("--from", min=0.0, help="Start at this simulated time, ms.")
@@ -33,10 +30,10 @@ def export(
     ] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
-    """Write a recording's samples as CSV, Parquet, NPZ, HDF5 or MCAP.
+    """Write a recording's samples as CSV, Parquet or MCAP.
 
-    An .mcap file has one message a sample, which Foxglove and PlotJuggler can plot. Beside F.csv,
-    F-columns.csv has the unit and the meaning of each column.
+    Rerun, Foxglove and PlotJuggler draw the .mcap file as curves. Beside F.csv, F-columns.csv has
+    the unit and the meaning of each column.
     """
     # Arrow takes 0.05 s, which the other command saves.
     from hertzloop.recordings.export import export as sample_export
@@ -45,8 +42,6 @@ def export(
     if out_file.suffix not in sample_export.FORMATS:
         endings = ", ".join(sample_export.FORMATS)
         fail(f"--out = {out_file}: unknown format. Use a name that ends in {endings}.")
-    if out_file.suffix == ".h5":
-        need("h5py")
     for option, value in (("--from", from_ms), ("--to", to_ms)):
         if value is not None and not math.isfinite(value):
             fail(f"{option} = {value:g}: must be a finite number. Give a time in ms.")

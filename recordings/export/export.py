@@ -5,9 +5,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from hertzloop.common.atomic_files import NotWritten, whole_file
-from hertzloop.recordings.export.arrays import write_hdf5, write_npz
-from hertzloop.recordings.export.joint_states import write_mcap
 from hertzloop.recordings.export.samples import Samples
+from hertzloop.recordings.export.scalars import write_mcap
 from hertzloop.recordings.export.tables import columns_file, write_columns, write_csv, write_parquet
 from hertzloop.recordings.writer import RecordingError
 
@@ -15,8 +14,6 @@ FORMATS: dict[str, Callable[[Samples, Path], None]] = {
     ".mcap": write_mcap,
     ".parquet": write_parquet,
     ".csv": write_csv,
-    ".npz": write_npz,
-    ".h5": write_hdf5,
 }
 
 

@@ -4,6 +4,7 @@ import csv
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as parquet
 import pytest
 
 from hertzloop.loop.simulate import simulate
@@ -67,7 +68,7 @@ def test_run_sweep_report_and_export_have_the_same_numbers(name, modes, tmp_path
             ["sweep", *scene, *over, "-o", sweep],
             ["inspect", file],
             ["report", file, "-o", tmp_path / "r"],
-            ["export", file, "-o", tmp_path / "a.npz"],
+            ["export", file, "-o", tmp_path / "a.parquet"],
             ["replay", file, "--save", tmp_path / "a.rrd"],
         )
     )
@@ -80,8 +81,7 @@ def test_run_sweep_report_and_export_have_the_same_numbers(name, modes, tmp_path
     peak_n = json_in(metrics)["first_impact"]["peak_force_n"]
     assert float(first["peak_force_n"]) == pytest.approx(peak_n, rel=1e-9)
     assert peak_n == pytest.approx(np.max(loop.truth[F_C]), rel=5e-3)
-    kept = np.load(tmp_path / "a.npz")
-    [force] = [kept[key] for key in kept.files if key.endswith("f_c_n")]
+    force = parquet.read_table(tmp_path / "a.parquet")["f_c_n"].to_numpy()
     assert force.tobytes() == loop.truth[F_C, : len(force)].tobytes()
 
 

@@ -26,7 +26,6 @@ def without(
 @pytest.mark.parametrize(
     ("packages", "extra", "words"),
     [
-        ("h5py", "h5", "export none.mcap -o a.h5"),
         ("cryptography", "hosts", "node keys d --hosts plant=a,controller=b,recorder=c"),
         ("jinja2", "charts", "report none.mcap -o page"),
         ("distributed", "dask", "sweep --over sensors.bits=8 --dask tcp://h:8786"),

@@ -1,22 +1,19 @@
-"""Export to an MCAP file with one message a sample.
+"""Export to an MCAP file that viewers draw: one topic a column, one number a message.
 
-The schema is `foxglove.JointState`, which Foxglove documents: position (m), velocity (m/s),
-acceleration (m/s^2) and effort (N), each only where there is one. A topic is a body or a signal;
-log time = publish time = simulated time.
+A message is a `std_msgs/msg/Float64MultiArray` of ROS 2 with one value, in CDR. Rerun, Foxglove and
+PlotJuggler draw it as a curve without a plug-in. Log time = publish time = simulated time.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from foxglove_schemas_protobuf.JointState_pb2 import JointState
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from hertzloop.recordings.export.samples import Piece, Samples
+from hertzloop.recordings.export.samples import STREAMS, Piece, Samples
 from hertzloop.recordings.file_format import (
     EXPORT_LIBRARY,
     LAW_ATTACHMENT,
@@ -25,42 +22,39 @@ from hertzloop.recordings.file_format import (
 )
 from hertzloop.recordings.recording import Event
 
-# Topic -> stream, and field of a JointState -> column.
-TOPICS: dict[str, tuple[str, dict[str, str]]] = {
-    "/gap": ("truth", {"position": "xi_m", "effort": "f_c_n"}),
-    "/sphere": ("truth", {"position": "xi_s_m"}),
-    "/plate": ("truth", {"position": "xi_p_m", "velocity": "v_p_m_s"}),
-    "/actuator": ("truth", {"position": "xi_a_m", "effort": "f_a_n"}),
-    "/contact_force_slope": ("truth", {"effort": "f_c1_n"}),
-    "/actuator_force_slope": ("truth", {"effort": "f_a1_n"}),
-    "/deepest": ("truth", {"position": "deepest_m"}),
-    "/command": ("force", {"effort": "command_n"}),
-}
-_DOUBLE = 1  # wire type of protobuf
-_BY_UNIT = {"m": "position", "m/s": "velocity", "m/s^2": "acceleration", "N": "effort"}
+SCHEMA = "std_msgs/msg/Float64MultiArray"
+# Definition as ROS 2 writes it into a bag: the message, then the types in it.
+_DEFINITION = f"""std_msgs/MultiArrayLayout layout
+float64[] data
+{"=" * 80}
+MSG: std_msgs/MultiArrayLayout
+std_msgs/MultiArrayDimension[] dim
+uint32 data_offset
+{"=" * 80}
+MSG: std_msgs/MultiArrayDimension
+string label
+uint32 size
+uint32 stride
+"""
+# CDR, little-endian: encapsulation, no dimensions, no offset, one value; it begins at a multiple of
+# eight bytes after the encapsulation.
+_BEFORE_VALUE = np.array([0x0100, 0, 0, 1, 0], "<u4").tobytes()
 
 
 @dataclass(frozen=True)
 class _Topic:
     """A channel and where its values come from."""
 
-    name: str
     channel: int
     stream: str
-    columns: Mapping[str, str]  # field of a JointState -> column
+    column: str
 
-    def payloads(self, arrays: Mapping[str, np.ndarray]) -> list[bytes]:
+    def payloads(self, values: np.ndarray) -> list[bytes]:
         """The messages of a piece, serialised all at once: they have one length."""
-        name = JointState(name=self.name[1:]).SerializeToString()
-        layout: list[tuple[str, str]] = [("name", f"V{len(name)}")]
-        for key in self.columns:
-            layout += [(f"tag {key}", "u1"), (key, "<f8")]
-        count = len(next(iter(arrays.values())))
-        packed = np.empty(count, np.dtype(layout))
-        packed["name"] = np.frombuffer(name, f"V{len(name)}")
-        for key, column in self.columns.items():
-            packed[f"tag {key}"] = JointState.DESCRIPTOR.fields_by_name[key].number << 3 | _DOUBLE
-            packed[key] = arrays[column]
+        before = f"V{len(_BEFORE_VALUE)}"
+        packed = np.empty(len(values), [("before", before), ("value", "<f8")])
+        packed["before"] = np.frombuffer(_BEFORE_VALUE, before)
+        packed["value"] = values
         data, size = packed.tobytes(), packed.dtype.itemsize
         return [data[at : at + size] for at in range(0, len(data), size)]
 
@@ -94,21 +88,13 @@ def write_mcap(samples: Samples, path: Path) -> None:
 
 
 def _topics(writer: Writer, samples: Samples) -> list[_Topic]:
-    schema = register_schema(writer, JointState)
-    wanted = dict(TOPICS)
-    unit = samples.label("daq_value")[0]
-    wanted["/measured"] = ("daq", {_BY_UNIT.get(unit, "position"): "daq_value"})
+    schema = writer.register_schema(SCHEMA, "ros2msg", _DEFINITION.encode())
     found = []
-    for topic, (stream, columns) in wanted.items():
-        here = {key: name for key, name in columns.items() if name in samples.names[stream]}
-        if not here:
-            continue
-        about = {
-            key: "{1} ({0}), '{2}' of the recording".format(*samples.label(name), name)
-            for key, name in here.items()
-        }
-        channel = writer.register_channel(topic, "protobuf", schema, about)
-        found.append(_Topic(topic, channel, stream, here))
+    for stream in STREAMS:
+        for column in samples.names[stream]:
+            about = dict(zip(("unit", "meaning"), samples.label(column), strict=True))
+            channel = writer.register_channel(f"/{stream}/{column}", "cdr", schema, about)
+            found.append(_Topic(channel, stream, column))
     return found
 
 
@@ -131,7 +117,7 @@ def _write_window(
             times.append(steps * samples.step_ns)
             channels.append(np.full(len(steps), topic.channel))
             sequence.append(steps & 0xFFFFFFFF)
-            payloads += topic.payloads(arrays)
+            payloads += topic.payloads(arrays[topic.column])
     at, of, number = (np.concatenate(parts) for parts in (times, channels, sequence))
     order = np.argsort(at, kind="stable")
     for i, channel, time_ns, count in zip(
