@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hertzloop.studies.margin.loop import Loop
-from hertzloop.studies.margin.poles import MOST_STATES, closed_loop_poles
+from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.table import NO_GAIN
 
 _NO_GAIN = 1e-4  # a gain margin below it depends on the damping that `damped` adds
@@ -47,10 +47,9 @@ def gain_margin(loop: Loop, delay: int) -> float | None:
 def needle_angles(loop: Loop, delay: int) -> np.ndarray:
     """Return angles from 0 to pi, rising, with one at every narrow peak of the closed loop."""
     parts = [loop.table.theta, phase_crossings(loop, delay)[0]]
-    if 2 * len(loop.plant.poles) + delay <= MOST_STATES:
-        poles = closed_loop_poles(loop.plant, loop.law, delay)
-        if poles is not None:  # a needle of the sensitivity stands at every pole
-            parts.append(np.abs(np.angle(poles)))
+    poles = closed_loop_poles(loop.plant, loop.law, delay)
+    if poles is not None:  # a needle of the sensitivity stands at every pole
+        parts.append(np.abs(np.angle(poles)))
     theta = np.concatenate(parts)
     return np.unique(np.concatenate([theta, np.linspace(0.0, math.pi, 8 * delay + 2)]))
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.margin.gain import phase_crossings
 from hertzloop.studies.margin.identify import NotLinearError, law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
 from hertzloop.studies.margin.loop import (
@@ -20,9 +19,8 @@ from hertzloop.studies.margin.loop import (
     loops_of,
     why_no_loop,
 )
-from hertzloop.studies.margin.poles import MOST_STATES, closed_loop_poles
+from hertzloop.studies.margin.poles import MOST_STATES, closed_loop_poles, states_of
 
-_NEWTON = 60
 _REAL = 1e-12  # rad: the angle of a real pole is this small by rounding
 _ON_CIRCLE = 1e-13  # distance from the unit circle that is rounding
 
@@ -32,7 +30,7 @@ class Growth:
     """How the loop of a setup grows in flight at the latency of its scene.
 
     Attributes:
-        unstable_poles: closed-loop poles outside the unit circle; None if two methods disagree.
+        unstable_poles: closed-loop poles outside the unit circle; None if two counts disagree.
         per_s: fastest growth, 1/s; 0 if stable, None if undecided.
         frequency_hz: of the fastest growing pole, Hz; None if stable or undecided.
         e_folds: growth times the length of the run; None if undecided.
@@ -94,24 +92,21 @@ def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
     latency = setup.line.latency_steps
     count = int(loops.unstable(np.array([latency]))[0])
     loop, delay = loops.at(latency)
-    poles = outside_poles(loop, delay, count)
-    if poles is None:
+    too_many = states_of(loop.plant, loop.law, delay) > MOST_STATES
+    poles = None if too_many else outside_poles(loop, delay, count)
+    if poles is None and not too_many:
         return Growth(None, None, None, None)
     if not count:
         return Growth(0, 0.0, None, 0.0)
+    if poles is None:
+        return Growth(count, None, None, None)
     sample_s = setup.every_steps * setup.step_s
     return Growth(count, growth_per_s(poles, sample_s), fastest_hz(poles, sample_s), None)
 
 
 def outside_poles(loop: Loop, delay: int, count: int) -> np.ndarray | None:
-    """Return the closed-loop poles outside the unit circle; None if their number is not `count`,
-    so that two independent methods disagree."""
-    if 2 * len(loop.plant.poles) + delay > MOST_STATES:
-        if not count:
-            return np.empty(0, complex)
-        poles = unstable_poles(loop, delay)
-        if sum(1 if abs(p.imag) < 1e-12 else 2 for p in poles) == count:
-            return poles
+    """Return the closed-loop poles outside the unit circle; None if they are too many to compute,
+    or if their number is not `count`, so that two independent methods disagree."""
     found = closed_loop_poles(loop.plant, loop.law, delay)
     if found is None:
         return None
@@ -131,34 +126,3 @@ def fastest_hz(poles: np.ndarray, sample_s: float) -> float:
     fastest = poles[int(np.argmax(np.abs(poles)))]
     angle = abs(float(np.angle(fastest)))
     return 0.0 if angle < _REAL else angle / (2.0 * math.pi * sample_s)
-
-
-def unstable_poles(loop: Loop, delay: int) -> np.ndarray:
-    """Return closed-loop poles outside the unit circle in the upper half plane, by Newton's method
-    from every place where L passes the negative axis beyond -1; some may be missed."""
-    angle, size = phase_crossings(loop, delay)
-    s = 1j * angle[size > 1.0]
-    if not len(s):
-        return np.empty(0, complex)
-
-    def error(at: np.ndarray) -> np.ndarray:
-        return np.log(-loop.gain(np.exp(at)) * np.exp(-delay * at))
-
-    for _ in range(_NEWTON):
-        step = 1e-7 * np.maximum(np.abs(error(s)), 1e-3) * 1e-1
-        value = error(s)
-        slope = (error(s + step) - value) / step
-        change = value / slope
-        limit = 0.3 * np.maximum(np.abs(s.real), 1e-3)
-        change *= np.minimum(1.0, limit / np.maximum(np.abs(change), 1e-300))
-        s = s - change
-        if np.all(np.abs(change) < 1e-12):
-            break
-    done = (np.abs(error(s)) < 1e-5) & (s.real > 0.0)
-    s = s[done]
-    s = np.where(s.imag < 0.0, s.conj(), s)
-    kept: list[complex] = []
-    for one in s[np.argsort(-s.real)]:
-        if all(abs(one - other) > 1e-7 for other in kept):
-            kept.append(complex(one))
-    return np.exp(np.array(kept, complex))

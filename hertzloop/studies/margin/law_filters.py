@@ -1,7 +1,7 @@
 """Transfer functions of laws: a sum of partial fractions, or a product of stages."""
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -16,12 +16,7 @@ class LawFilter:
     """Transfer function of a law.
 
     direct + sum of residues/(Z - pole) + sum of taps[k]/Z^(k + 1), with all poles listed.
-
-    `factored`: whether the response is a product of stages instead, which keeps its digits where
-    partial fractions lose them.
     """
-
-    factored: ClassVar[bool] = False
 
     direct: float
     poles: np.ndarray
@@ -50,7 +45,8 @@ class LawFilter:
 
 @dataclass(frozen=True)
 class Cascade(LawFilter):
-    """Transfer function of a law as a product of stages, without partial fractions.
+    """Transfer function of a law as a product of stages, which keeps its digits where partial
+    fractions lose them.
 
     An integrator counts as a slow decay.
 
@@ -58,8 +54,6 @@ class Cascade(LawFilter):
         gain: factor on all stages.
         numerators: coefficients of 1, 1/Z, ... of each stage.
     """
-
-    factored: ClassVar[bool] = True
 
     gain: float = 1.0
     numerators: tuple[np.ndarray, ...] = ()

@@ -1,75 +1,121 @@
 """All closed-loop poles of a sampled loop with delay, by Aberth's method on 1 + L.
 
 A polynomial of the loop would lose all digits: plant poles crowd at Z = 1. The secular equation
-does not (O. Aberth, Math. Comp. 27 (1973) 339). Poles that the loop moves by no more than rounding
-are set aside at the start.
+does not (O. Aberth, Math. Comp. 27 (1973) 339). With the open-loop poles p, the function
+F(Z) = (1 + L(Z)) times the product of (Z - p) has the closed-loop poles as its zeros, and F'/F
+needs no coefficients. Poles that the loop moves by no more than rounding are set aside at the
+start.
 """
 
 import numpy as np
 
-from hertzloop.studies.margin import sums_kernels
 from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
+from hertzloop.studies.margin.sums_kernels import pole_sums
 
 _ROUNDS, _PATIENCE = 80, 25
 _ROUNDINGS = (1e-15, 1e-12, 1e-10)  # lengths of a last step, each for so many rounds
 _NO_SHIFT = 1e-15
 _TWINS = 4e-16  # distance of poles that are the same
-_MOST_SHIFT = 0.05
-MOST_STATES = 6000  # up to which all closed-loop poles are computed, in a second or less
+_MOST_SHIFT, _BESIDE = 0.05, 1e-4  # starts: beside a pole of the plant at most, and of the law
+_AT_ZERO = 1e-7  # a zero of the law at 0 leaves a pole there, which means nothing
+_LARGEST = 300.0  # logarithm of the largest power of Z
+MOST_STATES = 10_000  # up to which closed-loop poles are computed, in some seconds at most
+
+
+def states_of(plant: PoleForm, law: LawFilter, delay: int) -> int:
+    """Return the number of states of a loop: poles of plant and law, and delayed samples."""
+    late = delay + int(np.max(np.flatnonzero(plant.fir), initial=-1)) + 1 + len(law.taps)
+    return 2 * len(plant.poles) + len(law.poles) + late
 
 
 def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray | None:
-    """Return all closed-loop poles, both of each conjugate pair; None if the method fails.
+    """Return all closed-loop poles but those at zero, both of each conjugate pair; None if there
+    are too many states, or if the method fails.
 
     Args:
         plant: response from command to sample.
         law: response from sample to command.
         delay: of the command, in samples, beyond the one that `plant` holds.
     """
-    if law.factored:
-        return _by_response(plant, law, delay)
+    if states_of(plant, law, delay) > MOST_STATES:
+        return None
     poles, residues, twins = _merged(*plant.both_of_pairs())
-    own, own_residues = np.asarray(law.poles, complex), np.asarray(law.residues, complex)
-    taps = 2 if plant.fir[1] else 1 if plant.fir[0] else 0
-    n, m = len(poles), len(own)
-    at = np.concatenate([poles, own])
-    which = np.arange(n + m)
-    shift = np.empty(n + m, complex)
-    rows, own_rows = _rows(poles, residues), _rows(own, own_residues)
-    filters = np.concatenate([[law.direct], law.taps])
-    if not (np.all(np.isfinite(own_residues)) and np.all(np.isfinite(filters))):
-        return None  # a law without partial fractions
-    sums_kernels.shifts(
-        at,
-        np.where(which < n, which, -1),
-        np.where(which >= n, which - n, -1),
-        rows,
-        own_rows,
-        plant.fir,
-        filters,
-        delay,
-        shift,
-    )
-    still = np.abs(shift) <= _NO_SHIFT
-    fixed = np.concatenate([twins, at[still]])
-    moving = at[~still] + shift[~still] * np.minimum(1.0, _MOST_SHIFT / np.abs(shift[~still]))
-    late = delay + taps + len(law.taps)
-    ring = np.exp(2j * np.pi * (np.arange(late) + 0.37) / max(late, 1))
-    scale = abs(complex(law.at(np.array([1j]))[0]) * complex(plant.at(np.array([1j]))[0]))
-    radius = min(max(scale, 1e-12) ** (1.0 / late), 0.98) if late else 0.0
-    z = np.concatenate([moving, max(radius, 0.02) * ring])
-    z_re, z_im, done = z.real.copy(), z.imag.copy(), np.zeros(len(z), bool)
-    rows, own_rows = rows[:, ~still[:n]].copy(), own_rows[:, ~still[n:]].copy()
-    for i in range(_ROUNDS):
-        # A zero of poor condition turns about in its own rounding.
-        tolerance = _ROUNDINGS[min(i // _PATIENCE, len(_ROUNDINGS) - 1)]
-        if not sums_kernels.aberth_round(
-            z_re, z_im, rows, own_rows, plant.fir, filters, delay, late, done, tolerance
-        ):
-            found = np.concatenate([fixed, z_re + 1j * z_im])
-            return found if np.all(np.isfinite(found)) else None
-    return None
+    # A finite impulse response is a delay too: its poles are at zero, to the last digit.
+    control = np.asarray(law.poles, complex)
+    control = control[control != 0.0]
+    late = delay + int(np.max(np.flatnonzero(plant.fir), initial=-1)) + 1
+    late += len(law.poles) - len(control) + len(law.taps)
+
+    def rest(z: np.ndarray, skip: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The plant without some poles, its slope, and the sum of 1/(z - p)."""
+        value, slope, inverse = sums_at(z, poles, residues, skip)
+        value += (plant.fir[0] + plant.fir[1] / z) / z
+        slope -= (plant.fir[0] + 2.0 * plant.fir[1] / z) / z**2
+        return value, slope, inverse
+
+    with np.errstate(all="ignore"):
+        gain = law.at(poles)
+        if not np.all(np.isfinite(gain)):
+            return None
+        # To first order, how far a pole of the plant moves when the loop is closed.
+        without = rest(poles, np.arange(len(poles)))[0]
+        shift = gain * residues / (_power(poles, delay) - gain * without)
+        still = ~(np.abs(shift) > _NO_SHIFT)
+        fixed, own = np.concatenate([twins, poles[still]]), poles[~still]
+        moved = shift[~still]
+        moved *= np.minimum(1.0, _MOST_SHIFT / np.abs(moved))
+        scale = abs(complex(law.at(np.array([1j]))[0]) * complex(plant.at(np.array([1j]))[0]))
+        radius = min(max(scale, 1e-12) ** (1.0 / late), 0.98) if late else 0.0
+        ring = max(radius, 0.02) * np.exp(2j * np.pi * (np.arange(late) + 0.37) / max(late, 1))
+        beside = control + _BESIDE * np.exp(1j * np.arange(len(control)))
+        z = np.concatenate([own + moved, beside, ring])
+        poles, residues = own, residues[~still]
+        moving = np.ones(len(z), bool)
+        for i in range(_ROUNDS):
+            at = np.flatnonzero(moving)
+            if not len(at):
+                break
+            here = z[at]
+            value, slope, by_plant = rest(here, np.full(len(at), -1))
+            law_value, law_slope = law.with_slope(here)
+            relative = law_slope / law_value + slope / value - delay / here  # L'/L
+            other = -_power(here, delay) / (law_value * value)  # 1/L
+            by_law = (1.0 / (here[:, None] - control)).sum(axis=1)
+            total = relative / (1.0 + other) + by_plant + by_law + late / here
+            around = sums_at(here, z, z, at)[2]
+            change = 1.0 / (total - around)
+            size = np.abs(change)
+            finite = np.isfinite(size)  # where it is not, the zero is on a pole to the last digit
+            z[at] -= np.where(finite, change, 0.0)
+            # A zero of poor condition turns about in its own rounding.
+            tolerance = _ROUNDINGS[min(i // _PATIENCE, len(_ROUNDINGS) - 1)]
+            moving[at] = finite & (size > tolerance) & (np.abs(z[at]) > _AT_ZERO)
+    if moving.any() or not np.all(np.isfinite(z)):
+        return None
+    return np.concatenate([fixed, z[np.abs(z) > _AT_ZERO]])
+
+
+def sums_at(
+    z: np.ndarray, poles: np.ndarray, residues: np.ndarray, skip: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the sums of r/(z - p), of -r/(z - p)^2 and of 1/(z - p) over poles p.
+
+    Args:
+        z: points, complex, shape (n,).
+        poles, residues: complex, shape (poles,).
+        skip: number of the pole that a point leaves out, else -1, shape (n,).
+    """
+    parts = [part.copy() for one in (z, poles, residues) for part in (one.real, one.imag)]
+    found = np.empty((6, len(z)))
+    pole_sums(*parts, skip, found)
+    return found[0] + 1j * found[1], found[2] + 1j * found[3], found[4] + 1j * found[5]
+
+
+def _power(z: np.ndarray, n: int) -> np.ndarray:
+    """Return z^n, which stays finite."""
+    exponent = n * np.log(z)
+    return np.exp(np.minimum(exponent.real, _LARGEST) + 1j * exponent.imag)
 
 
 def _merged(poles: np.ndarray, residues: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -79,72 +125,3 @@ def _merged(poles: np.ndarray, residues: np.ndarray) -> tuple[np.ndarray, np.nda
     apart = np.append(True, np.abs(np.diff(poles)) > _TWINS)
     first = np.flatnonzero(apart)
     return poles[apart], np.add.reduceat(residues, first), poles[~apart]
-
-
-def _rows(poles: np.ndarray, residues: np.ndarray) -> np.ndarray:
-    return np.array([poles.real, poles.imag, residues.real, residues.imag]).reshape(4, -1)
-
-
-_MOST_POLES = 4000
-_CONVERGED = 1e-13
-_HARDLY = 1e-15  # a pole whose residue is smaller than this does not move
-_AT_ZERO = 1e-7
-_NUDGE = 1e-6  # start beside an open-loop pole, where the loop gain is infinite
-
-
-def _by_response(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray | None:
-    """Return all closed-loop poles but those at zero, with a law that is a product of stages;
-    its response and slope are enough.
-
-    F(Z) = (1 + L(Z)) times the product of (Z - p) over all open-loop poles p has the closed-loop
-    poles as its zeros, and F'/F needs no coefficients.
-    """
-    own, residues = plant.both_of_pairs()
-    # A finite impulse response is a delay too: its poles are at zero, to the last digit.
-    control_poles = law.poles[law.poles != 0.0]
-    late = delay + int(np.max(np.flatnonzero(plant.fir), initial=-1)) + 1
-    late += len(law.poles) - len(control_poles)
-    if len(own) + len(control_poles) + late > _MOST_POLES:
-        return None
-    pull = residues * law.at(own) * own ** -float(delay)  # how far a small gain moves a pole
-    moves = np.abs(pull) > _HARDLY
-    fixed, own, residues, pull = own[~moves], own[moves], residues[moves], pull[moves]
-    open_loop = np.concatenate([own, control_poles, np.zeros(late)])
-
-    def response(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """L, and the derivative of log L."""
-        apart = 1.0 / (z[:, None] - own)
-        value = apart @ residues + plant.fir[0] / z + plant.fir[1] / z**2
-        slope = -(apart**2) @ residues - plant.fir[0] / z**2 - 2.0 * plant.fir[1] / z**3
-        control, change = law.with_slope(z)
-        with np.errstate(over="ignore"):
-            gain = -control * value * z ** -float(delay)
-        return gain, slope / value + change / control - delay / z
-
-    near = np.where(np.abs(pull) > 0.3 * np.abs(1.0 - np.abs(own)), 0.3, 1.0) * pull
-    step = np.where(np.abs(near) < _NUDGE, near, _NUDGE * near / np.abs(near))
-    radius = 0.6 ** (10.0 / max(late, 10))  # the roots of a long delay lie near the unit circle
-    round_zero = radius * np.exp(2j * np.pi * (np.arange(late) + 0.37) / max(late, 1))
-    turned = np.exp(1j * np.arange(len(control_poles)))
-    z = np.concatenate([own + step, control_poles + 1e-4 * turned, round_zero])
-    open_ = np.ones(len(z), bool)
-    for _ in range(_ROUNDS):
-        at = np.flatnonzero(open_)
-        if not len(at):
-            break
-        with np.errstate(all="ignore"):
-            gain, relative = response(z[at])
-            inverse = relative / (1.0 + 1.0 / gain)  # of Newton's step on 1 + L
-            apart = z[at, None] - open_loop
-            inverse = inverse + (1.0 / np.where(apart == 0.0, _NUDGE, apart)).sum(axis=1)
-            others = z[at, None] - z
-            others[np.arange(len(at)), at] = np.inf
-            inverse = inverse - (1.0 / np.where(others == 0.0, _NUDGE, others)).sum(axis=1)
-            change = 1.0 / inverse
-        change = np.where(np.isfinite(change), change, 0.0)
-        size = np.abs(change)
-        change = np.where(size > 0.1, 0.1 * change / np.maximum(size, 1e-300), change)
-        z[at] -= change
-        away = np.abs(z[at])  # a zero of the law at 0 leaves a pole there, which means nothing
-        open_[at] = (size > _CONVERGED * np.maximum(away, 1e-3)) & (away > _AT_ZERO)
-    return None if open_.any() else np.concatenate([z[np.abs(z) > _AT_ZERO], fixed])

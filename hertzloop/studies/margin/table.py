@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.studies.margin import sums_kernels
 from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
+from hertzloop.studies.margin.poles import sums_at
 
 _POINTS = 14  # on the tangent around a pole
 _GAP_POINTS = 5
@@ -21,7 +21,6 @@ _MOST_TURN = 1.2  # rad between two points
 _HIDDEN_ROUNDS = 6
 _HALVINGS = 60
 NO_GAIN = 1e-300  # stands for a loop gain of zero, of which there is no logarithm
-_IN_BOX, _FAR, _NODES = 12, 3.0, 20  # poles in a box, half widths to far ones, nodes of a series
 
 
 @dataclass(frozen=True)
@@ -78,63 +77,19 @@ class NyquistTable:
 
 
 class FrequencyResponse:
-    """The loop gain L = -C P without latency on the upper unit circle, fast at many points.
-
-    The circle is cut into boxes. Poles near a box are summed one by one, and the sum over the
-    others is a Chebyshev series in each box.
-    """
+    """The loop gain L = -C P without latency on the upper unit circle."""
 
     def __init__(self, plant: PoleForm, law: LawFilter) -> None:
         self.plant, self.law = plant, law
-        poles = np.concatenate([plant.poles, plant.poles.conj()])
-        residues = np.concatenate([plant.residues, plant.residues.conj()])
-        order = np.argsort(np.angle(poles))
-        poles, residues = np.tile(poles[order], 3), np.tile(residues[order], 3)
-        count = len(order)
-        angle = np.angle(poles) + 2.0 * math.pi * np.repeat([-1.0, 0.0, 1.0], count)
-        own = np.sort(np.abs(np.angle(plant.poles)))
-        edges = np.unique(np.concatenate([np.linspace(0.0, math.pi, 33), own[::_IN_BOX]]))
-        apart = np.append(True, np.diff(edges) > 1e-9)
-        apart[-1] = True
-        self._edges = edges[apart]
-        low, high = self._edges[:-1], self._edges[1:]
-        centre, width = 0.5 * (low + high), 0.5 * (high - low)
-        self._first = np.searchsorted(angle, centre - _FAR * width)
-        self._last = np.searchsorted(angle, centre + _FAR * width)
-        self._last = np.minimum(self._last, self._first + count)
-        at = np.cos(math.pi * (np.arange(_NODES) + 0.5) / _NODES)
-        nodes = centre[:, None] + width[:, None] * at
-        self._poles = np.array([poles.real, poles.imag])
-        self._residues = np.array([residues.real, residues.imag])
-        value, slope = np.empty((2, *nodes.shape)), np.empty((2, *nodes.shape))
-        sums_kernels.far_sums(
-            nodes, self._first, self._last, self._poles, self._residues, count, value, slope
-        )
-        terms = np.cos(np.outer(np.arange(_NODES), np.arccos(at))) * 2.0 / _NODES
-        terms[0] *= 0.5
-        self._far = np.concatenate([value, slope]) @ terms.T
+        self._poles, self._residues = plant.both_of_pairs()
 
     def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return log L and its slope by the angle, complex, at angles from 0 to pi."""
         z = np.exp(1j * theta)
-        box = np.searchsorted(self._edges, theta, side="right") - 1
-        box = np.clip(box, 0, len(self._edges) - 2)
-        value, slope = np.empty((2, len(theta))), np.empty((2, len(theta)))
-        sums_kernels.circle_sums(
-            theta,
-            box,
-            self._edges,
-            self._first,
-            self._last,
-            self._poles,
-            self._residues,
-            self._far,
-            value,
-            slope,
-        )
+        p, p_1, _ = sums_at(z, self._poles, self._residues, np.full(len(z), -1))
         near, (b_1, b_2) = 1.0 / z, self.plant.fir
-        p = value[0] + 1j * value[1] + near * (b_1 + b_2 * near)
-        p_1 = slope[0] + 1j * slope[1] - near * near * (b_1 + 2.0 * b_2 * near)
+        p += near * (b_1 + b_2 * near)
+        p_1 -= near * near * (b_1 + 2.0 * b_2 * near)
         c, c_1 = self.law.with_slope(z)
         gain = -c * p
         if not np.all(np.isfinite(gain)):

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.margin import dense, laws, own_laws, synthetic
+from hertzloop.scene.setup import load
+from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.loop import loop_of
@@ -51,3 +53,12 @@ def test_a_finite_impulse_response_closes_the_loop(taps):
 @pytest.mark.full
 def test_laws_of_a_user_are_classified():
     assert [c.case for c in own_laws(laws()) if not c.agrees] == []
+
+
+@pytest.mark.parametrize(("kappa", "stable"), [(0.4, False), (0.01, True)])
+def test_a_loop_with_too_many_states_has_a_count_alone(kappa, stable):
+    settings = [f"controller.kappa={kappa}", "controller.latency_us=12000", "run.duration_s=0.05"]
+    found = growth_of(load("oak-20mm", ["controller.law=velocity_feedback", *settings]))
+    assert found is not None
+    assert (found.unstable_poles == 0) == stable
+    assert found.per_s == (0.0 if stable else None)
