@@ -18,6 +18,7 @@ NAMES = {
     "Runs and recordings": """api.runs.simulate api.runs.run api.runs.read api.runs.Run
         plant.metrics.impacts.Impact plant.metrics.noise.ImpactNoise
         results.span_metrics.RunMetrics results.span_metrics.SpanMetrics api.runs.compare
+        results.metric_rows.MetricRow results.metric_rows.UncertainValue
         results.comparison.Comparison results.comparison.Difference api.studies.modes""",
     "Studies": """api.studies.sweep studies.sweep.request.SweepRequest results.cases.CaseMetrics
         api.studies.tune studies.tune.request.TuneRequest studies.tune.result.TuneResult

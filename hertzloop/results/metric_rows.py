@@ -187,11 +187,12 @@ def _model_error(
 
 
 def _row(span: SpanName, name: str, value: UncertainValue, reference: UncertainValue) -> MetricRow:
-    """Compare two values of a metric."""
+    """Compare two values of a metric. The larger of their errors is that of the change: both runs
+    lack the same modes, so that their errors do not add up."""
     field, base = METRICS[name], reference.value
     if field.difference:
         ends = [each - base for each in (value.value, value.least, value.most)]
-        unit, error = field.unit, value.error + reference.error
+        unit, error = field.unit, max(value.error, reference.error)
         if math.isnan(ends[0]):
             return MetricRow(span, name, value, reference)
         return MetricRow(span, name, value, reference, uncertain(ends[0], error, ends), unit)
@@ -201,12 +202,11 @@ def _row(span: SpanName, name: str, value: UncertainValue, reference: UncertainV
     ratios = [each / base for each in (value.value, value.least, value.most)]
     if not base > 0.0 or not min(ratios) >= 0.0 or (field.db and min(ratios) == 0.0):
         return MetricRow(span, name, value, reference)
-    wrong = value.error / abs(value.value) if value.value else 0.0
-    wrong += reference.error / base
+    wrong = max(value.error / abs(value.value) if value.value else 0.0, reference.error / base)
     if field.db:
         ends = [field.db * math.log10(ratio) for ratio in ratios]
         change = uncertain(ends[0], field.db / math.log(10.0) * wrong, ends)
         return MetricRow(span, name, value, reference, change, "dB")
     ends = [100.0 * (ratio - 1.0) for ratio in ratios]
-    error = 100.0 * (value.error + reference.error * ratios[0]) / base
+    error = 100.0 * max(value.error, reference.error * ratios[0]) / base
     return MetricRow(span, name, value, reference, uncertain(ends[0], error, ends), "%")

@@ -31,6 +31,7 @@ from hertzloop.results.touch_phases import SAME_PHASE, OtherPhases, at_other_pha
 from hertzloop.scene.setup import Setup
 
 HARDLY_DB = 0.1
+_LEAST = {"dB": 0.05, "%": 0.5}  # change that is more than zero as printed
 _MUCH = 0.1  # share of the push, or of the contact, that is worth a word
 
 
@@ -272,10 +273,12 @@ def _other_changes(rows: Rows) -> tuple[Rows, Rows]:
             continue
         if row.from_zero:
             worse.append(row)
-        elif row.change and row.change.most < -row.change.error:
-            better.append(row)
-        elif row.change and row.change.least > row.change.error:
-            worse.append(row)
+        elif row.change:
+            least = max(row.change.error, _LEAST[row.unit])
+            if row.change.most < -least:
+                better.append(row)
+            elif row.change.least > least:
+                worse.append(row)
     return better, worse
 
 

@@ -146,7 +146,7 @@ def change_text(row: MetricRow, decimals: int = 1) -> str:
     if row.change is None:
         return ""
     if row.field.difference:
-        form = "+.0f" if row.metric == "contacts" else "+.3g"
+        form = "+.0f" if row.metric == "contacts" else "+.2g"
         largest = max(abs(row.value.value), abs(row.reference.value if row.reference else 0.0))
         return with_unit(uncertain_text(row.change, form, 1.0, largest), row.unit)
     form = f"+.{decimals if row.unit == 'dB' else decimals - 1}f"
