@@ -112,7 +112,7 @@ class RunContext:
     @property
     def plasticity(self) -> str:
         """How the contact yields, "none" if it does not."""
-        return str(self.setup.scene.contact.plasticity)
+        return "none" if self.spec.contact.limit is None else "thornton"
 
     def flight_m(self) -> float:
         """How far above the plate the law looks, m; zero of one that waits for the contact."""

@@ -16,6 +16,7 @@ from hertzloop.plant.contact.hertz import (
     rigid_impact,
 )
 from hertzloop.plant.contact.yielding import YieldPressure, softer
+from hertzloop.plant.estimates.criteria import contact_radius_m, mean_pressure_pa
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Point
@@ -33,7 +34,8 @@ class Mechanics:
     """What collides, in SI units: everything that does not depend on step, law or sensor.
 
     `sensor_point_m`: of a sensor elsewhere; None at the contact point. `weaker`: the body that
-    yields first, and its strength; None where the plate's is not known.
+    yields first, and its strength; None where the plate's is not known. `why_elastic`: why a
+    contact that may yield by itself (`contact.plasticity` "auto") does not; "" otherwise.
     """
 
     sphere: Sphere
@@ -44,6 +46,7 @@ class Mechanics:
     actuator_point_m: Point
     sensor_point_m: Point | None
     weaker: tuple[str, YieldPressure] | None
+    why_elastic: str
     rigid: RigidImpact = field(compare=False)
     """the same impact on a rigid plate"""
 
@@ -86,31 +89,32 @@ class Mechanics:
         return self.structure.local_plate
 
 
-def resolve_mechanics(tables: PlantTables, accuracy: float) -> Mechanics:
+def resolve_mechanics(tables: PlantTables, accuracy: float, knows_yield: bool) -> Mechanics:
     """Build the bodies, or return those that were built for the same arguments.
 
     Args:
         accuracy: `run.accuracy`, by which the number of Ritz functions is chosen.
+        knows_yield: whether scheme and plate model know a contact that yields.
 
     Raises:
         SceneError: a file of modes does not make a structure.
     """
     theory = tables.plate.theory
     make = maker(theory) if theory in STRUCTURES else None
-    return _resolved(tables, accuracy, make)
+    return _resolved(tables, accuracy, knows_yield, make)
 
 
 @lru_cache(maxsize=16)
-def _resolved(tables: PlantTables, accuracy: float, make: Any) -> Mechanics:
+def _resolved(tables: PlantTables, accuracy: float, knows_yield: bool, make: Any) -> Mechanics:
     """The same; `make`: function of the theory of the scene, another one after a reload."""
     plate, of_plate = tables.plate, tables.plate_material
     try:
         description = _describe_plate(plate, of_plate, accuracy)
     except ValueError as error:
         raise SceneError(str(error)) from error
-    sphere, contact, weaker = _impact(
-        tables.sphere, tables.contact, tables.sphere_material, of_plate
-    )
+    sphere = _sphere(tables.sphere, tables.sphere_material)
+    weaker = softer(of_plate, sphere.material)
+    contact, why_elastic = _contact(tables.contact, sphere, of_plate, weaker, knows_yield)
     rigid = rigid_impact(sphere, contact)
     actuator, (contact_point, actuator_point) = tables.actuator, plate.points_m
     try:
@@ -131,6 +135,7 @@ def _resolved(tables: PlantTables, accuracy: float, make: Any) -> Mechanics:
         actuator_point_m=actuator_point,
         sensor_point_m=struck.sensor_at(contact_point, actuator_point, tables.sensor_point_m),
         weaker=weaker,
+        why_elastic=why_elastic,
         rigid=rigid,
     )
 
@@ -150,22 +155,30 @@ def _describe_plate(table: PlateTable, material: Material, accuracy: float) -> D
     )
 
 
-def _impact(
-    given: SphereTable, table: ContactTable, own: Material, plate: Material
-) -> tuple[Sphere, Contact, tuple[str, YieldPressure] | None]:
-    """The sphere, of a material of its `own`; its contact: stiffness, damping, and where it yields;
-    and the body that yields first, see `Mechanics`."""
-    weaker = softer(plate, own)
+def _sphere(given: SphereTable, material: Material) -> Sphere:
+    """The sphere, with the height of a fall to its speed where the speed is given."""
     height, speed = given.drop_height_m, given.speed_m_s
     if height is None:
         assert speed is not None  # a scene without either is refused
         height = speed**2 / (2.0 * GRAVITY_M_S2)
-    sphere = Sphere(own, given.radius_m, height, given.mass_kg, speed)
-    stiffness = hertz_stiffness(sphere.radius_m, own, plate)
+    return Sphere(material, given.radius_m, height, given.mass_kg, speed)
+
+
+def _contact(
+    table: ContactTable,
+    sphere: Sphere,
+    plate: Material,
+    weaker: tuple[str, YieldPressure] | None,
+    knows_yield: bool,
+) -> tuple[Contact, str]:
+    """Stiffness and damping of the contact, and where it yields; and `Mechanics.why_elastic`."""
+    stiffness = hertz_stiffness(sphere.radius_m, sphere.material, plate)
     if table.stiffness_factor is not None:
         stiffness *= table.stiffness_factor
-    limit = None
-    if table.plasticity == "thornton":
+    limit, why_elastic = None, ""
+    if table.plasticity == "auto":
+        why_elastic = _why_elastic(table, sphere, stiffness, weaker, knows_yield)
+    if table.plasticity != "none" and not why_elastic:
         pressure = table.limiting_pressure_pa
         if pressure is None:
             assert weaker is not None  # a scene without is refused
@@ -184,4 +197,32 @@ def _impact(
             "relaxation_s": table.relaxation_s,
             "extra_state": table.relaxation_solve == "bracketed",
         }
-    return sphere, Contact(stiffness, limit=limit, **damping), weaker
+    return Contact(stiffness, limit=limit, **damping), why_elastic
+
+
+def _why_elastic(
+    table: ContactTable,
+    sphere: Sphere,
+    stiffness: float,
+    weaker: tuple[str, YieldPressure] | None,
+    knows_yield: bool,
+) -> str:
+    """Return why a contact with `contact.plasticity` "auto" does not yield; "" if it does."""
+    if not knows_yield:
+        return "this scheme or plate model knows no contact that yields"
+    if table.damping != "none":
+        return "contact.damping holds the loss of the contact"
+    if table.limiting_pressure_pa is not None:
+        return ""
+    if weaker is None:
+        return "the yield strength of the plate is not known"
+    body, strength = weaker
+    peak_n = rigid_impact(sphere, Contact(stiffness)).peak_n
+    radius_m = contact_radius_m(peak_n, sphere.radius_m, stiffness)
+    centre_pa = 1.5 * mean_pressure_pa(peak_n, radius_m)
+    if centre_pa > strength.first_yield_pa:
+        return ""
+    return (
+        f"the {body} would begin to yield at {1e-9 * strength.first_yield_pa:.3g} GPa, and the "
+        f"impact on a rigid plate reaches {1e-9 * centre_pa:.3g} GPa"
+    )

@@ -209,7 +209,7 @@ def _scheme_problems(scene: PlantTables, run: RunTable) -> list[str]:
     def needs(capability: str, key: str) -> list[str]:
         return not_supported(capability, run.scheme, run.plate_model, key)
 
-    if contact.plasticity != "none":
+    if contact.plasticity == "thornton":
         found += needs("supports_yield", f"contact.plasticity = '{contact.plasticity}'")
         plate = scene.plate_material
         if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:

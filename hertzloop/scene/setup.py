@@ -19,6 +19,7 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import Contact, Sphere
 from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.controller_table import ControllerTable
@@ -271,7 +272,8 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     if isinstance(scene, Setup):
         return scene
     run, control, sensors = scene.run, scene.controller, scene.sensors
-    mechanics = resolve_mechanics(scene.plant_tables, run.accuracy)
+    knows_yield = SCHEMES[run.scheme].supports_yield and run.plate_model != "infinite"
+    mechanics = resolve_mechanics(scene.plant_tables, run.accuracy, knows_yield)
     first_touch_s = _first_touch_s(run, mechanics.sphere)
 
     line = resolve_line(control, scene.actuator, sensors.every_steps, run.step_ns)

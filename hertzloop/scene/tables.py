@@ -181,7 +181,10 @@ class ContactTable(SceneTable):
     """Damping inside the contact; `relaxation_*` are s_tau (N/m^1.5), tau (s) and the solve.
     `plasticity` "thornton": the contact yields where the pressure reaches the limiting one, between
     1.6 times the softer body's yield strength and its hardness; left out, it is that hardness, or
-    2.8 times the yield strength of a material that has no hardness."""
+    2.8 times the yield strength of a material that has no hardness. "auto": "thornton" where the
+    first impact on a rigid plate would pass first yield, or a limiting pressure is given; "none"
+    where it would not, where the plate's strength is not known, beside contact damping, and where
+    the scheme knows no yield."""
 
     damping: Literal["none", "viscous", "hunt_crossley", "relaxation"] = "none"
     """damping model of the contact"""
@@ -196,8 +199,9 @@ class ContactTable(SceneTable):
     """time constant of relaxation damping"""
     relaxation_solve: Literal["published", "bracketed"] = "bracketed"
     """solver of relaxation damping: the published iteration or a bracketed one"""
-    plasticity: Literal["none", "thornton"] = "none"
-    """plasticity of the contact: none, or the model of Thornton"""
+    plasticity: Literal["none", "thornton", "auto"] = "none"
+    """plasticity of the contact: none, or the model of Thornton; "auto": Thornton where the first
+    impact would pass first yield"""
     limiting_pressure_pa: Annotated[float, Field(ge=1e3, le=1e13)] | None = None
     """limiting contact pressure at yield"""
     stiffness_factor: Annotated[float, Field(ge=1e-2, le=1e2)] | None = None

@@ -11,21 +11,23 @@ _INSTEAD = {
     ("sphere", "drop_height_m"): "speed_m_s",
 }
 _ANY = object()  # any value but None
-# By table and key: the key of the same table that decides, and its value. The keys of laws are
-# treated the same way, by the law that has them.
+# By table and key: the key of the same table that decides, and its value or values. The keys of
+# laws are treated the same way, by the law that has them.
 _READ_BY: dict[tuple[str, str], tuple[str, Any]] = {
     ("contact", "viscous_n_s_m"): ("damping", "viscous"),
     ("contact", "restitution"): ("damping", "hunt_crossley"),
     ("contact", "relaxation_stiffness"): ("damping", "relaxation"),
     ("contact", "relaxation_s"): ("damping", "relaxation"),
     ("contact", "relaxation_solve"): ("damping", "relaxation"),
-    ("contact", "limiting_pressure_pa"): ("plasticity", "thornton"),
+    ("contact", "limiting_pressure_pa"): ("plasticity", ("thornton", "auto")),
     ("actuator", "damping"): ("bandwidth_hz", _ANY),
 }
 
 
 def _reads(decided: Any, needed: Any) -> bool:
-    return decided is not None if needed is _ANY else bool(decided == needed)
+    if needed is _ANY:
+        return decided is not None
+    return decided in needed if isinstance(needed, tuple) else bool(decided == needed)
 
 
 def unused_key_problems(scene: Any) -> list[str]:
@@ -36,7 +38,8 @@ def unused_key_problems(scene: Any) -> list[str]:
         value, decided = getattr(table, key), getattr(table, by)
         if value == type(table).model_fields[key].default or _reads(decided, needed):
             continue
-        has, give = f"with {name}.{by} = {shown(decided)}", f"{name}.{by} = {shown(needed)}"
+        first = needed[0] if isinstance(needed, tuple) else needed
+        has, give = f"with {name}.{by} = {shown(decided)}", f"{name}.{by} = {shown(first)}"
         if needed is _ANY:
             has, give = f"without {name}.{by}", f"{name}.{by}"
         found.append(

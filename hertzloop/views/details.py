@@ -70,11 +70,14 @@ def _plate_words(report: RunReport) -> str:
 
 
 def _contact_words(report: RunReport) -> str:
-    """State the limiting pressure, what yielded, and the cost of the contact solver."""
+    """State the cost of the contact solver, and the limiting pressure with what yielded, or why a
+    contact that may yield by itself does not."""
     limit, found = report.parts.limiting_pressure, report.assessed.yielded
     words = [f"at most {report.balance.newton_iterations_max} evaluations a step"]
     if limit:
         words.append(f"limiting pressure {pressure_words(limit)}")
+    if why := report.setup.mechanics.why_elastic:
+        words.append(f"elastic: {why}")
     if found:
         words.append(yield_words(found))
     return "; ".join(words)

@@ -15,7 +15,7 @@ OTHER = "plate.material={young_pa=7e10,density_kg_m3=2700,poisson=0.3}"
 # Settings of a scene, apart by spaces, and words of the sentence.
 REFUSED = {
     "aluminium-20mm": {
-        "sphere.radius_m=-1": "sphere.radius_m = -1: must be at least 1e-05",
+        "sphere.radius_m=-1": "sphere.radius_m = -1: must be at least 1e-5",
         "sphere.radius_m=3mm": "sphere.radius_m = '3mm': must be",
         "sphere.radius_m=true": "sphere.radius_m = True: must be a number",
         "sphere.radius_m='0.003'": "sphere.radius_m = '0.003': must be a number",

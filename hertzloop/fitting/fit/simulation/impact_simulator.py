@@ -95,6 +95,8 @@ class ImpactSimulator:
             "run.accuracy": accuracy,
             "run.duration_s": 2.0 * LEAD_IN_S + duration_s,
         }
+        if free.scene.contact.plasticity == "auto":
+            changed["contact.plasticity"] = "none" if free.contact.limit is None else "thornton"
         if point_m is not None and free.structure.mode_table is None:
             changed["plate.actuator_point_m"] = point_m
         self.setup = free.vary(changed)
