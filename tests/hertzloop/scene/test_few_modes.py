@@ -119,7 +119,7 @@ def test_a_rigid_body_has_no_damped_rest(tmp_path):
             "scene check SCENE",
             "scene modes SCENE --out a.csv",
             "sweep SCENE --over sphere.drop_height_m=0.03,0.05 --out a.parquet",
-            "budget SCENE --law force_feedback --quick --only latency_us --no-real-plant -o b",
+            "budget SCENE --law force_feedback --quick --only latency_us --no-real-plant",
         ],
         quick=["scene check SCENE"],
     ),
