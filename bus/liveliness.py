@@ -11,7 +11,6 @@ from collections.abc import Callable, Collection, Sequence
 
 import zenoh
 
-from hertzloop.bus.access_monitor import AccessMonitor
 from hertzloop.bus.compiling import Compiling
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.process_clock import clock
@@ -33,8 +32,6 @@ class Liveliness:
         name: of the run.
         role: this one.
         on_left: told when a process of any role has left.
-        access_monitor: the peers that are linked in vain, where a configuration file says who is
-            authorised.
     """
 
     def __init__(
@@ -43,12 +40,11 @@ class Liveliness:
         name: str,
         role: str,
         on_left: Callable[[PeerLost], None],
-        access_monitor: AccessMonitor | None,
     ) -> None:
         self.role, self.name = role, name
         self.alive: dict[str, set[str]] = {r: set() for r in ROLES}  # instances
         self._living, self._root = session.liveliness(), f"hertzloop/{name}"
-        self._on_left, self._access_monitor = on_left, access_monitor
+        self._on_left = on_left
         self._instance = secrets.token_hex(8)  # two processes of one role have two tokens
         self._watched: dict[str, str] = {}  # the instance that takes part in the run
         self._left_s: dict[str, float] = {}  # roles of which some process has left, and when
@@ -195,13 +191,10 @@ class Liveliness:
             self._refuse_doubles()
             if self._aborted:
                 raise self._aborted
-            if self._access_monitor:
-                self._access_monitor.report(absent)
             deadline = self.compiling.extended(deadline, timeout_s, lambda one, _: one in absent)
             if clock.now() > deadline:
                 left = [role for role in absent if role in self._left_s]
                 again = f" ({' and '.join(left)} appeared, but exited again)" if left else ""
-                again += self._access_monitor.words() if self._access_monitor else ""
                 again += self.compiling.words()
                 raise PeerLost(
                     f"{self.role} waited {timeout_s:g} s for {' and '.join(absent)} on bus "

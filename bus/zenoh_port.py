@@ -7,14 +7,13 @@ import os
 import queue
 import threading
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import zenoh
 
 from hertzloop.bus import LEAVING
-from hertzloop.bus.access_monitor import AccessMonitor, names_allowed
 from hertzloop.bus.liveliness import Liveliness
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.process_clock import clock
@@ -48,9 +47,8 @@ def _why(error: zenoh.ZError) -> str:
 class ZenohPort:
     """Port of one role. Raises BusError when an endpoint cannot be opened.
 
-    `patience_s` is how long a role of the run may leave messages untaken; `say` is told which
-    peers are linked in vain, where a configuration file decides who is authorised. `liveliness`
-    tells which roles are there, `compiling` tells them that this process compiles.
+    `patience_s` is how long a role of the run may leave messages untaken. `liveliness` tells
+    which roles are there, `compiling` tells them that this process compiles.
     """
 
     def __init__(
@@ -61,7 +59,6 @@ class ZenohPort:
         connect: Sequence[str] = (),
         config_file: Path | None = None,
         patience_s: float = 5.0,
-        say: Callable[[str], None] = lambda sentence: None,
     ) -> None:
         os.environ.setdefault("ZENOH_RUNTIME", SMALL_RUNTIME)
         self.role, self.name, self.waited_s = role, name, 0.0
@@ -72,14 +69,10 @@ class ZenohPort:
         self._root = f"hertzloop/{name}"
         try:
             config = session_config(role, ROLES, name, listen, connect, config_file, patience_s)
-            allowed = names_allowed(config)
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join(listen) or str(config_file)
             raise BusError(f"{role} cannot open the bus at {where}: {_why(error)}") from error
-        access_monitor: AccessMonitor | None = None
-        if config_file:
-            access_monitor = AccessMonitor(self._session, allowed, config_file, name, role, say)
         self._publishers = {
             stream.name: self._session.declare_publisher(
                 f"{self._root}/{stream.name}",
@@ -96,7 +89,7 @@ class ZenohPort:
         self._not_sent: BaseException | None = None  # why a message out of it could not be
         self._sender = threading.Thread(target=self._send, name="sending", daemon=True)
         # Declared before any message can come, which it notes the end of a role from.
-        self.liveliness = Liveliness(self._session, name, role, self._inbox.put, access_monitor)
+        self.liveliness = Liveliness(self._session, name, role, self._inbox.put)
         self.compiling = self.liveliness.compiling.tell
         self._subscribers = [
             self._session.declare_subscriber(f"{self._root}/{stream}", self._handler(stream))

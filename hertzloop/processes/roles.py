@@ -72,7 +72,7 @@ class BusAddress:
         """Join the bus. Raises BusError."""
         where = (self.listen, self.connect, self.zenoh_config)
         patience_s = _NO_LIMIT_S if self.watched else options.timeout_s
-        port = ZenohPort(role, options.name or BUS_NAME, *where, patience_s, _say)
+        port = ZenohPort(role, options.name or BUS_NAME, *where, patience_s)
         self.on_open()
         return port
 
