@@ -16,7 +16,6 @@ from hertzloop.controller.loading.registry import find
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.structures.mode_file import SUFFIXES, read_modes
 from hertzloop.scene.errors import LONGEST, SceneError, quoted_path, shortened
-from hertzloop.scene.latency_trace.drawn import draw_latencies
 from hertzloop.scene.latency_trace.reading import latencies_of_file
 from hertzloop.scene.materials import read_materials
 
@@ -56,11 +55,9 @@ def inline_files(data: dict[str, Any], folder: Path) -> None:
             trace = control.get("latency_trace")
             if isinstance(trace, str):
                 trace = {"file": trace}
-            if isinstance(trace, dict) and "file" in trace:
+            if isinstance(trace, dict):
                 use = control.get("latency_trace_use")
                 control["latency_trace"] = latencies_of_file(trace, use, folder)
-            elif isinstance(trace, dict):
-                control["latency_trace"] = draw_latencies(trace)
             if control.get("law") in shipped_laws():
                 read_files = getattr(find(control["law"]).home, "read_files", None)
                 if read_files is not None:

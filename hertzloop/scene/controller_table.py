@@ -37,8 +37,8 @@ class ControllerTable(SceneTable):
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """latency in addition to one step"""
     latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
-    """latencies by sample, us, for latency_us: a file, a table with file and what it leaves open, a
-    list, or a table with median_us, sigma, autocorrelation; whole steps; commands keep order"""
+    """latencies by sample, us, for latency_us: a file, a table with file and what it leaves open,
+    or a list; whole steps; commands keep order"""
     latency_trace_use: Literal["replay", "resample"] | None = None
     """replay the trace as it is (default), or resample blocks of it by the seed"""
     latency_trace_from: Literal["sample", "tick"] | None = None

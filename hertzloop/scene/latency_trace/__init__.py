@@ -1,1 +1,1 @@
-"""Latencies by sample (`controller.latency_trace`): from a file of a measurement, or drawn."""
+"""Latencies by sample (`controller.latency_trace`): from a file of a measurement."""

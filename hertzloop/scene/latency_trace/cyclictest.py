@@ -1,27 +1,19 @@
-"""Latencies of cyclictest: its list of cycles (`-v`) and its histogram (`-h`).
+"""Latencies of cyclictest: its histogram (`-h`).
 
-Source: rt-tests, `man cyclictest`. A line of the list is `thread: cycle: latency`. A line of the
-histogram is a latency and, for each thread, how many cycles had it. Both are in microseconds, or in
-nanoseconds with `-N`, which the output does not state.
+Source: rt-tests, `man cyclictest`. A line is a latency and, for each thread, how many cycles had
+it, in microseconds, or in nanoseconds with `-N`, which the output does not state.
 """
 
-import itertools
 import re
 
 import numpy as np
 
 from hertzloop.scene.latency_trace.trace_file import IN_US, MOST_LATENCIES, Latencies, TraceFile
 
-_CYCLE = re.compile(r"\s*(\d+):\s*(\d+):\s*(-?\d+)\s*")
 _BIN = re.compile(r"\d{1,15}(\s+\d{1,15})+\s*")
 _OVERFLOWS = re.compile(r"#\s*Histogram Overflows:((?:\s*\d+)+)", re.IGNORECASE)
 _SURELY_US = 100.0  # below this median a latency is not in ns: no timer wakes within 0.1 us
 _ORDER_SEED = 14  # of the order in which the latencies of a histogram are drawn
-
-
-def is_list(lines: list[str]) -> bool:
-    """Whether lines are a list of cycles."""
-    return any(_CYCLE.fullmatch(line) for line in lines[:20])
 
 
 def is_histogram(lines: list[str]) -> bool:
@@ -29,29 +21,12 @@ def is_histogram(lines: list[str]) -> bool:
     return any(line.startswith("# Histogram") for line in lines)
 
 
-def read_list(lines: list[str], about: TraceFile) -> Latencies:
-    """Return the latencies of one thread. Raises ValueError."""
-    about.refuse("a list of cyclictest", "column", "sample", "command", "topic")
-    found: dict[int, list[tuple[int, float]]] = {}
-    for line in lines:
-        if cycle := _CYCLE.fullmatch(line):
-            thread, number, latency = map(int, cycle.groups())
-            found.setdefault(thread, []).append((number, float(latency)))
-    cycles = found[_thread(sorted(found), about)]
-    numbers = [number for number, _ in cycles]
-    for before, number in itertools.pairwise(numbers):
-        if number != before + 1:
-            raise ValueError(f"cycle {number} follows cycle {before}. Give all cycles in order")
-    values = [latency for _, latency in cycles]
-    return Latencies([_unit(np.median(values), about) * value for value in values])
-
-
 def read_histogram(lines: list[str], about: TraceFile) -> Latencies:
     """Return as many latencies as cycles, at most `MOST_LATENCIES`, in a random order.
 
     Of more cycles every latency has its share, and at least one. Raises ValueError.
     """
-    about.refuse("a histogram of cyclictest", "column", "sample", "command", "topic")
+    about.refuse("a histogram of cyclictest", "column", "sample", "command")
     numbers = [line for line in lines if line[0].isdigit()]
     rows = [line.split() for line in numbers if _BIN.fullmatch(line)]
     overflows = next((found[1].split() for found in map(_OVERFLOWS.match, lines) if found), [])

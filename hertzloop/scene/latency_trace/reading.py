@@ -7,7 +7,7 @@ from typing import Any
 from hertzloop.common.missing_files import why_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.scene.errors import quoted_path, shortened
-from hertzloop.scene.latency_trace import cyclictest, topic_delay
+from hertzloop.scene.latency_trace import cyclictest
 from hertzloop.scene.latency_trace.text_table import read_table
 from hertzloop.scene.latency_trace.trace_file import MOST_LATENCIES, Latencies, TraceFile
 
@@ -51,10 +51,6 @@ def _read(about: TraceFile) -> Latencies:
         return Latencies([])
     if cyclictest.is_histogram(lines):
         return cyclictest.read_histogram(lines, about)
-    if cyclictest.is_list(lines):
-        return cyclictest.read_list(lines, about)
-    if topic_delay.is_topic_delay(lines):
-        return topic_delay.read_topic_delay(lines, about)
     return read_table(text, about)
 
 
@@ -64,8 +60,8 @@ def _read_mcap(about: TraceFile) -> Latencies:
     from hertzloop.recordings.reader import holds_a_run, read
 
     if not holds_a_run(about.file):
-        return topic_delay.read_message_times(about)
-    about.refuse("a recording of a run", "column", "sample", "command", "unit", "thread", "topic")
+        raise ValueError("is not a recording of a run. Give a recording of a paced run, or a table")
+    about.refuse("a recording of a run", "column", "sample", "command", "unit", "thread")
     return Latencies([float(value) for value in latencies_of(read(about.file))])
 
 

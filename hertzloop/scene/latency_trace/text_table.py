@@ -24,7 +24,7 @@ def read_table(text: str, about: TraceFile) -> Latencies:
     Raises:
         ValueError: there is no latency in each line, or the table can mean two things.
     """
-    about.refuse("a text table", "thread", "topic")
+    about.refuse("a text table", "thread")
     table = _table(text)
     if not table.rows:
         return Latencies([])

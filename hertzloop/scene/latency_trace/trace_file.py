@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple
 
 from pydantic import ValidationError
 
@@ -20,19 +20,7 @@ class Latencies(NamedTuple):
     ordered: bool = True
 
 
-class TraceTable(SceneTable):
-    """A table in the place of `controller.latency_trace`."""
-
-    @classmethod
-    def checked(cls, table: Mapping[str, Any]) -> Self:
-        """Return the table. Raises ValueError for an unknown key or an impossible value."""
-        try:
-            return cls.model_validate(table)
-        except ValidationError as error:
-            raise ValueError(sentence(error, cls, ("controller", "latency_trace"))) from error
-
-
-class TraceFile(TraceTable):
+class TraceFile(SceneTable):
     """A file of latencies, and what its content leaves open.
 
     Attributes:
@@ -41,8 +29,7 @@ class TraceFile(TraceTable):
         sample: Heading of the column with the time stamps of samples.
         command: Heading of the column with the time stamps of commands.
         unit: Unit of the numbers, if the file does not state it: s, ms, us or ns.
-        thread: Thread of cyclictest.
-        topic: Topic of an MCAP file whose messages have a publish time and a log time.
+        thread: Thread of a histogram of cyclictest.
         offset_us: Added to every latency, us: by how much the clock of the samples is ahead of the
             clock of the commands.
     """
@@ -53,7 +40,6 @@ class TraceFile(TraceTable):
     command: str | None = None
     unit: Literal[(*IN_US,)] | None = None  # type: ignore[valid-type]
     thread: int | None = None
-    topic: str | None = None
     offset_us: float = 0.0
 
     @classmethod
@@ -63,7 +49,10 @@ class TraceFile(TraceTable):
         Raises:
             ValueError: a key is unknown, or its value is impossible.
         """
-        found = cls.checked(table)
+        try:
+            found = cls.model_validate(table)
+        except ValidationError as error:
+            raise ValueError(sentence(error, cls, ("controller", "latency_trace"))) from error
         if (found.sample is None) != (found.command is None):
             raise ValueError(
                 "controller.latency_trace: sample and command belong together. Give both or none"

@@ -179,14 +179,3 @@ def test_the_delay_of_the_loop_counts_a_dead_time():
     ]
     assert delays[0] == pytest.approx(delays[1], rel=1e-12)
     assert delays[0] - delays[2] == pytest.approx(3e-6, rel=1e-9)
-
-
-def test_latencies_are_drawn_from_a_distribution_with_memory():
-    table = "{median_us = 5, sigma = 0.5, autocorrelation = 0.9, least_us = 1, samples = 20000}"
-    scene = aluminium_3mm(*SHORT, f"controller.latency_trace={table}")
-    logs = np.log(np.array(scene.scene.controller.latency_trace) - 1.0)
-    assert np.median(logs) == pytest.approx(np.log(5.0), abs=0.05)
-    assert np.std(logs) == pytest.approx(0.5, rel=0.1)
-    assert np.corrcoef(logs[1:], logs[:-1])[0, 1] == pytest.approx(0.9, abs=0.02)
-    other = aluminium_3mm(*SHORT, f"controller.latency_trace={table[:-1]}, seed = 2}}")
-    assert other.scene.controller.latency_trace != scene.scene.controller.latency_trace

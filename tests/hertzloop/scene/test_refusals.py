@@ -97,16 +97,13 @@ REFUSED = {
         "actuator.mass_kg=0.001 plate.edges=ffff": "is not supported for a free plate",
         "actuator.mass_kg=0.001 run.scheme=thesis2008": "use the scheme 'modal'",
         "actuator.bandwidth_hz=1e5 run.plate_model=infinite": "plate_model = 'auto'",
-        "controller.latency_trace={median_us=3,sigma=0.1}":
-        "latency_trace.autocorrelation: is missing",
+        "controller.latency_trace={column=3}": "controller.latency_trace.file: is missing",
         "controller.latency_trace=[-1]": "latency_trace",
         "controller.latency_trace=[1] controller.latency_us=2": "has no effect beside",
         "controller.latency_trace=[1] controller.clock_ppm=2": "must not count twice",
         "controller.latency_trace=[1] controller.latency_trace_from=sample "
         "controller.clock_phase=0.5": "must not count twice",
-        "controller.latency_trace={median=3}": "median: unknown scene key. Did you mean median_us?",
-        "controller.latency_trace={median_us=3,sigma=0.1,autocorrelation=0,samples=1.5}":
-        "a whole number",
+        "controller.latency_trace={median_us=3}": "latency_trace.median_us: unknown scene key",
     },
     "offcentre-6mm": {"run.plate_model=infinite": "plate.actuator_point_m = [0.155, 0.09]"},
     "thesis-oak": {
