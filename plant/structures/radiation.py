@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hertzloop.plant.one_thread import gauss
 from hertzloop.plant.structures.plate import Plate
 
 AIR_DENSITY_KG_M3 = 1.2
@@ -64,32 +63,6 @@ def efficiency(plate: Plate, frequency_hz: np.ndarray) -> np.ndarray:
     """Eq. 3.13 where it is defined, eq. 3.12 below."""
     found = efficiency_maidanik(plate, frequency_hz)
     return np.where(np.isnan(found), efficiency_fahy(plate, frequency_hz), found)
-
-
-def efficiency_wallace(plate: Plate, m: int, n: int, frequency_hz: float, nodes: int = 0) -> float:
-    """Efficiency of mode (m, n) at a frequency by its far field (Wallace 1972), in a baffle.
-
-    64 k^2 l_x l_y/(pi^6 m^2 n^2) times the integral over a quarter of the half space of
-    [cs(a/2) cs(b/2)/((a^2/(m pi)^2 - 1)(b^2/(n pi)^2 - 1))]^2, a = k l_x sin(theta) cos(phi),
-    b = k l_y sin(theta) sin(phi), cs: cos for odd, sin for even numbers; by Gauss's rule.
-    """
-    wave_number = 2.0 * math.pi * frequency_hz / SOUND_SPEED_M_S
-    nodes = nodes or 100 * math.ceil(0.4 + 0.02 * wave_number * max(plate.size_m))
-    at, weights = gauss(nodes)
-    angle, weights = math.pi / 4.0 * (at + 1.0), math.pi / 4.0 * weights
-    across = wave_number * np.sin(angle)[:, None]
-
-    def along(length_m: float, number: int, part: np.ndarray) -> np.ndarray:
-        phase = across * part * length_m
-        x = phase / (number * math.pi)
-        # cs(phase/2)/(x^2 - 1) without its removable pole at x = 1; sinc for both parities.
-        half = 0.5 * (phase - number * math.pi)
-        return np.asarray(np.sinc(half / math.pi) * 0.5 * number * math.pi / (x + 1.0))
-
-    (lx, ly) = plate.size_m
-    both = (along(lx, m, np.cos(angle)) * along(ly, n, np.sin(angle))) ** 2
-    integral = float(np.sum(both * (np.sin(angle) * weights)[:, None] * weights))
-    return 64.0 * wave_number**2 * lx * ly / (math.pi**6 * (m * n) ** 2) * integral
 
 
 def air_loss_factor(
