@@ -94,8 +94,8 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
         f"{results.ran} of {total} cases run in {results.wall_s:z.2f} s: {rate:z.0f} cases/s. "
         f"Results: {study.results_file}"
     )
-    for line in flight_lines(study.plan.setup, request.span, rows):
-        out.say(line)
+    for hint in flight_lines(study.plan.setup, request.span, rows):
+        out.say(hint)
     out_of_range = counted(rows, "out_of_range")
     _print_warnings(results, total, out_of_range)
     return {

@@ -205,7 +205,7 @@ def test_a_margin_holds_the_loop_in_flight_and_its_jitter():
         (lambda s: hertzloop.sweep(s, {"controller.kappa": "0:1"}, design="x"), "design = 'x'"),
         (lambda s: hertzloop.tune(s, laws="predicted"), r"laws = 'predicted': must be a list"),
         (lambda s: hertzloop.budget(s, only="latency_us"), "only = 'latency_us': must be a list"),
-        (lambda s: hertzloop.budget(s, within=0.1), "--within = 0.1: has no effect without"),
+        (lambda s: hertzloop.budget(s, within=0.1), "within = 0.1: has no effect without"),
         (
             lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"),
             "pace = 1.0: not available with transport = 'inprocess'",
