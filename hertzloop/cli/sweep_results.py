@@ -70,9 +70,9 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
     """Print what a sweep found, and return it as plain data."""
     total, keys, rows = study.total, study.plan.design.keys, results.rows
     request = study.plan.request
-    for line in results.damaged:
+    for number in results.damaged:
         journal = sweep_study.journal_of(study.results_file)
-        err.say(f"line {line} of {journal} was damaged. Its case was run again.")
+        err.say(f"line {number} of {journal} was damaged. Its case was run again.")
     has_metrics = count_without_metrics(results) < total
     is_uncertain = request.uncertain is not None
     if has_metrics and not is_uncertain and (len(keys) == 1 or are_few(rows)):
