@@ -49,6 +49,7 @@ SHORTER = {
     "--goal 'rebound_percent < 300'\n": "--goal 'rebound_percent < 300' --quick\n",
     "--trace paced.mcap\n": "--trace paced.mcap --quick\n",
     "pytest\n": "python -m pytest -q\n",  # of the environment, not the one that is first on a PATH
+    "pytest requirements.toml": "python -m pytest requirements.toml",
     "10.0.0.1": "127.0.0.1",
     "10.0.0.2": "127.0.0.1",
     "10.0.0.3": "127.0.0.1",
