@@ -43,7 +43,7 @@ def test_hits_become_a_mode_file_a_scene_and_a_run(folder):
     for file in (DOCS / "examples" / "hammer").glob("*.csv"):
         shutil.copy(file, folder)
     assert followed("python modes.py", folder) in PAGE
-    assert "reduces plate energy by 0.8 dB" in followed("hertzloop run structure.toml", folder)
+    assert "reduces plate energy by 2 dB" in followed("hertzloop run structure.toml", folder)
     budget = 'hertzloop budget structure.toml --goal "plate_energy_db < -0.5" --only latency_us'
     assert "latency" in followed(budget, folder)
 
