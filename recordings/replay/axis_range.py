@@ -1,7 +1,6 @@
-"""Ranges of the value axes of plots: such that the viewer writes numbers on them."""
+"""Ranges of the value axes of plots."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -10,40 +9,21 @@ from hertzloop.recordings.replay.plots import Plot
 
 Range = tuple[float, float]
 _MARGIN = 0.06
-_DENSE = 7.5  # lines of the grid: with more the viewer writes at every tenth only
 _RUNAWAY = 20.0  # times as large as around the first contact: a zoom shows the contact
 _HUGE = 1e300  # beyond it, the length of a range overflows
 _GAPS = 1.8  # of the deepest penetration, that a zoom shows above the plate
 
 
-def labelled(low: float, high: float) -> Range:
-    """A range around [low, high] with at least two powers of ten, or multiples of one, in it: those
-    are what the viewer writes on an axis."""
+def padded(low: float, high: float) -> Range:
+    """[low, high] with a margin; a range around a constant; -1 to 1 without finite ends."""
     if not (math.isfinite(low) and math.isfinite(high)):
         return -1.0, 1.0
     low, high = (min(max(end, -_HUGE), _HUGE) for end in sorted((low, high)))
     if high - low < 1e-12 * max(abs(low), abs(high), 1e-30):
         reach = max(abs(low), 1.0)
         low, high = low - reach, high + reach
-    power = 10.0 ** math.floor(math.log10(high - low))
-    if _marks(low, high, power) < 3:
-        low, high = _outward(low, power, math.floor), _outward(high, power, math.ceil)
-    elif high - low > _DENSE * power:
-        ten = 10.0 * power
-        while _marks(low, high, ten) < 2:
-            down, up = (math.ceil(low / ten) - 1) * ten, (math.floor(high / ten) + 1) * ten
-            low, high = (down, high) if low - down < up - high else (low, up)
     margin = _MARGIN * (high - low)
     return low - margin, high + margin
-
-
-def _marks(low: float, high: float, size: float) -> int:
-    return math.floor(high / size) - math.ceil(low / size) + 1
-
-
-def _outward(value: float, power: float, rounded: Callable[[float], int]) -> float:
-    """The next multiple of a power of ten outside, unless the value is next to zero."""
-    return value if abs(value) < 0.1 * power else rounded(value / power) * power
 
 
 def whole(plot: Plot) -> Range:
@@ -51,7 +31,7 @@ def whole(plot: Plot) -> Range:
     low, high = _extremes([curve.values for curve in plot.curves])
     if plot.most is not None:
         low, high = max(low, -plot.most), min(high, plot.most)
-    return labelled(low, high)
+    return padded(low, high)
 
 
 def zoomed(plot: Plot, around_ns: Span) -> Range:
@@ -68,10 +48,10 @@ def zoomed(plot: Plot, around_ns: Span) -> Range:
     ever = _extremes([curve.values for curve in plot.curves])
     if plot.key == "gap" and ever[0] < 0.0:
         deepest = first[0] if ever[0] < _RUNAWAY * first[0] < 0.0 else ever[0]
-        return labelled(deepest, min(-_GAPS * deepest, max(first[1], 0.0)))
+        return padded(deepest, min(-_GAPS * deepest, max(first[1], 0.0)))
     size = max(map(abs, first))
     runs_away = 0.0 < _RUNAWAY * size < max(map(abs, ever))
-    return labelled(*(first if runs_away else ever))
+    return padded(*(first if runs_away else ever))
 
 
 def _extremes(parts: list[np.ndarray]) -> Range:
