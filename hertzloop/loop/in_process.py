@@ -10,6 +10,7 @@ from hertzloop.bus.messages_pb2 import ForceBlock
 from hertzloop.bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
 from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.controller import Controller
 from hertzloop.controller.kernels import EMITTED
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.announcement import controller_report
@@ -29,6 +30,7 @@ from hertzloop.scene.setup import Setup
 
 def run_compiled(
     setup: Setup,
+    controller: Controller,
     plant_port: Port,
     controller_port: Port,
     on_progress: Callable[[int], None] = lambda step: None,
@@ -41,7 +43,6 @@ def run_compiled(
     run_id = new_run_id()
     streams = PlantStreams(setup, Publisher(plant_port, run_id), every_s=EVERY_S)
     publisher = Publisher(controller_port, run_id)
-    controller = build_controller(setup, ahead=False)
     events = ControllerEvents(setup)
     modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
     loop = ClosedLoop(streams.plant, streams.sensor, controller, streams.window, modes, delays)
@@ -111,14 +112,19 @@ def record_in_process(
 
     faults: list[StreamFault] = []
 
-    def messages() -> int:
-        return sum(counter.messages for counter in list(recorder.counters.values()))
+    given: list[Callable[[], int]] = []  # number of samples that the law was given
+
+    def progress() -> int:
+        messages = sum(counter.messages for counter in list(recorder.counters.values()))
+        return messages + sum(samples() for samples in given)
 
     try:
-        with watching(setup, messages, recorder.close, "messages"):
+        with watching(setup, progress, recorder.close, "samples and messages"):
             if compiled:
                 ports = (InProcessPort(bus, PLANT), InProcessPort(bus, CONTROLLER))
-                stats = run_compiled(setup, *ports, on_progress)
+                controller = build_controller(setup, ahead=False)
+                given.append(lambda: int(controller.law_state.counts[laws.SAMPLES]))
+                stats = run_compiled(setup, controller, *ports, on_progress)
             else:
                 plant_port = InProcessPort(bus, PLANT)
                 node: ControllerNode | None = None
@@ -133,6 +139,7 @@ def record_in_process(
                         node.fail(str(error))
 
                 node = ControllerNode(InProcessPort(bus, CONTROLLER, to_controller))
+                given.append(lambda: node.law_samples if node else 0)
                 exchange = ExchangeOptions(options.horizon)
                 plant = PlantNode(setup, plant_port, exchange, on_progress)
                 stats = plant.run()

@@ -6,12 +6,14 @@ of magnitude. Then its impulse response is identified (Ho and Kalman 1966) and c
 samples.
 """
 
+import time
 from collections.abc import Callable
 
 import numpy as np
 import scipy
 
 from hertzloop.controller.controller import Controller, SignalPath
+from hertzloop.controller.law_kernels import SAMPLES
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.watchdog import watching
 from hertzloop.scene.controller import bound_law, law_constants, loaded_law
@@ -20,6 +22,8 @@ from hertzloop.studies.margin.law_filters import Cascade, LawFilter
 
 _SAMPLES = 1500
 _CHECKED = 12_000
+_TIMED = 100
+_MOST_PER_SAMPLE_S = 1e-3  # all test signals have some 60,000 samples
 _HANKEL = 250
 _TOLERANCE = 1e-9
 _RANK = 1e-10
@@ -67,31 +71,39 @@ def law_filter(setup: Setup) -> LawFilter:
 
 def probe(setup: Setup) -> LawFilter:
     """Identify the law of a setup with ideal converters. Raises NotLinearError."""
-    answered = [1]  # the watch takes 0 for a kernel that is still compiled
+    answered: list[np.ndarray] = []  # counts of the law, for each test signal
     with (
-        watching(setup, lambda: answered[0], what="test signals"),
+        watching(setup, lambda: sum(int(counts[SAMPLES]) for counts in tuple(answered))),
         np.errstate(over="ignore", invalid="ignore"),  # of forces near the largest number
     ):
         return _probe(setup, answered)
 
 
-def _probe(setup: Setup, answered: list[int]) -> LawFilter:
+def _probe(setup: Setup, answered: list[np.ndarray]) -> LawFilter:
     bound = bound_law(setup, ahead=False)
 
     def answer(samples: np.ndarray) -> np.ndarray:
         count = len(samples)
         controller = Controller(bound, SignalPath(), setup.step_s, count + 2, 1, 0)
+        answered.append(controller.law_state.counts)
         try:
             forces = controller.process(samples, look_ahead=False).forces
         except LawFault as error:
             raise NotLinearError(f"it fails on a test signal: {error}") from error
-        answered[0] += 1
         found = np.zeros(count)
         usable = np.asarray(forces)[-count:] if len(forces) >= count else np.asarray(forces)
         found[-len(usable) :] = usable
         return found
 
     scale = _amplitude(setup)
+    began_s = time.monotonic()
+    answer(np.zeros(_TIMED))
+    per_sample_s = (time.monotonic() - began_s) / _TIMED
+    if per_sample_s > _MOST_PER_SAMPLE_S:
+        raise NotLinearError(
+            f"it takes {1e6 * per_sample_s:,.0f} us a sample, and is tried with test signals only "
+            f"up to {1e6 * _MOST_PER_SAMPLE_S:,.0f}"
+        )
     if np.any(answer(np.zeros(_SAMPLES)) != 0.0):
         raise NotLinearError("it commands a force at zero input")
     rng = np.random.default_rng(1)

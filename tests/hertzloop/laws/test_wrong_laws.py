@@ -297,6 +297,14 @@ def test_a_loop_without_end_in_the_run(here, command):
 
 
 @pytest.mark.full
+def test_a_slow_law_is_not_ended(here):
+    """Though a message takes longer than a law may be silent."""
+    write_law(here, "import time; time.sleep(0.003)")
+    words = ["run", "aluminium-3mm", "--transport", "compiled", "--set", "run.duration_s=0.001"]
+    python("-c", IMPATIENT, *words, "--set", "controller.law=mine.py", cwd=here)
+
+
+@pytest.mark.full
 def test_a_loop_without_end_in_a_process_of_its_own(here):
     """The others wait for as long as they were told to, and say for whom."""
     write_law(here, "while i == 3000: s.largest_n += 0.0")

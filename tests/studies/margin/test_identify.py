@@ -62,6 +62,16 @@ def test_a_law_that_is_not_linear_is_refused(tmp_path, force):
         law_filter(setup_with(tmp_path, force))
 
 
+def test_a_slow_law_is_refused_before_it_takes_minutes(tmp_path):
+    path = tmp_path / "mine.py"
+    slow = LAW.replace("FORCE", "-20.0 * s.b").replace(
+        "    s.a = 0.9", "    sleep(2e-3)\n    s.a = 0.9"
+    )
+    path.write_text(slow.replace("senses =", "from time import sleep\n\nsenses ="))
+    with pytest.raises(NotLinearError, match=r"it takes [\d,]+ us a sample, .* up to 1,000"):
+        law_filter(load("oak-20mm", [f"controller.law={path}", "sensors.quantity=v_p"]))
+
+
 @pytest.mark.parametrize(
     ("law", "quantity"), [("velocity_feedback", "v_p"), ("acceleration_feedback", "acceleration")]
 )
