@@ -188,10 +188,15 @@ def _model_error(
 
 def _row(span: SpanName, name: str, value: UncertainValue, reference: UncertainValue) -> MetricRow:
     """Compare two values of a metric. The larger of their errors is that of the change: both runs
-    lack the same modes, so that their errors do not add up."""
+    lack the same modes, so that their errors do not add up. Both may begin at any touch phase."""
     field, base = METRICS[name], reference.value
+    pairs = (
+        (value.value, base),
+        (value.least, reference.most),
+        (value.most, reference.least),
+    )
     if field.difference:
-        ends = [each - base for each in (value.value, value.least, value.most)]
+        ends = [one - other for one, other in pairs]
         unit, error = field.unit, max(value.error, reference.error)
         if math.isnan(ends[0]):
             return MetricRow(span, name, value, reference)
@@ -199,10 +204,10 @@ def _row(span: SpanName, name: str, value: UncertainValue, reference: UncertainV
     if base == 0.0 or (0.0 < base <= reference.error):
         risen = value.known and value.value > value.error
         return MetricRow(span, name, value, reference, from_zero=risen)
-    ratios = [each / base for each in (value.value, value.least, value.most)]
-    if not base > 0.0 or not min(ratios) >= 0.0 or (field.db and min(ratios) == 0.0):
+    if not reference.least > 0.0 or not value.least >= 0.0 or (field.db and value.least == 0.0):
         return MetricRow(span, name, value, reference)
-    wrong = max(value.error / abs(value.value) if value.value else 0.0, reference.error / base)
+    ratios = [one / other for one, other in pairs]
+    wrong = max(value.error / value.value if value.value else 0.0, reference.error / base)
     if field.db:
         ends = [field.db * math.log10(ratio) for ratio in ratios]
         change = uncertain(ends[0], field.db / math.log(10.0) * wrong, ends)

@@ -95,7 +95,7 @@ def uncertain_text(
     decimals = _decimals(form, max(abs(low), abs(high), largest))
     if width > max(error, 0.5 * 10.0**-decimals):
         sign = "+" if form.startswith("+") else ""
-        for each in (width / 100.0, error / 3.0):  # an end may be wrong by some of its last digit
+        for each in (width / 100.0, error / 2.0):  # an end may be wrong by two of its last digit
             if each > 0.0:
                 decimals = min(decimals, -math.floor(math.log10(each)) - 1)
         shown = [round(end, decimals) for end in (low, high)]
