@@ -227,6 +227,8 @@ def predictability(
     """
     error, without = result.expected_error, setup.without_control(same_plate=True)
     free_error = error if free_error is None else free_error
+    if not SCHEMES[setup.scheme].converges:  # no finer model tells an error from its numbers
+        error = free_error = None
 
     own = other = None
     if not not_repeatable and not result.metrics.stability.unstable and error is not None:

@@ -41,7 +41,8 @@ def known_digits(value: float, form: str, error: float = 0.0) -> str:
     sign = "+" if form.startswith("+") else ""
     known = f"{value:{sign}#.{digits}g}".replace(".e", "e").removesuffix(".")
     shown = min(known, usual, key=lambda text: sum(c.isdigit() for c in text.partition("e")[0]))
-    return about(value, digits, sign) if shown is known and whole >= digits else shown
+    rounds = whole >= digits or "e+" in known
+    return about(value, digits, sign) if shown is known and rounds else shown
 
 
 def about(value: float, digits: int = 2, sign: str = "") -> str:

@@ -99,6 +99,7 @@ def test_the_error_of_the_second_impact_is_what_more_modes_change():
         (248.79, 0.3, "249"),
         (-32.9, 3.0, "about -30"),
         (2.5e9, 3e8, "about 2e+09"),
+        (-99.98, 0.7, "about -100"),
     ],
 )
 def test_digits(value, error, shown):

@@ -65,3 +65,8 @@ def test_a_whole_run_whose_impacts_are_not_predictable_is_not_repeated():
     assert whole.value.most == whole.value.least
     assert not whole.value.known
     assert not contacts.value.known
+
+
+def test_the_published_scheme_has_the_digits_of_its_numbers():
+    rows = hertzloop.simulate("thesis-aluminium").rows
+    assert all(row.value.error == 0.0 for row in rows)
