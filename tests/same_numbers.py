@@ -115,7 +115,11 @@ def flatten(value: Any, path: str, found: dict[str, Any]) -> None:
             flatten(item, f"{path}/{key}" if path else key, found)
     elif isinstance(value, list):
         for number, item in enumerate(value):
-            name = item.get("name", number) if isinstance(item, dict) else number
+            name = str(number)
+            if isinstance(item, dict):
+                name = (
+                    f"{item.get('span', '')} {item.get('name', item.get('metric', number))}".strip()
+                )
             flatten(item, f"{path}/{name}", found)
     elif not IGNORED.search(path) and not (isinstance(value, str) and " " in value):
         found[path] = value
