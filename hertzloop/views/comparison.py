@@ -15,8 +15,8 @@ def comparison_table(found: Comparison, details: bool = False) -> Table:
         details: Whether all metrics are wanted, not those that a run prints.
     """
     rows = found.metrics if details else shown_rows(found.metrics)
-    flipped = "Metrics of the first impact of A and B, and the change from A to B"
-    return table_of_rows(rows, ("A", "B"), flipped, reference_first=True)
+    title = "Metrics of A and B in the first impact, and the change from A to B"
+    return table_of_rows(rows, ("A", "B"), title, reference_first=True)
 
 
 class PrintedComparison(Comparison):
