@@ -249,28 +249,27 @@ assert first_difference(found[0], found[2]).startswith("speed.speed_m_s differs 
 ACTUATOR = """
 from pathlib import Path
 
-Path("own_preload.py").write_text('''
+Path("own_actuator.py").write_text('''
 from typing import NamedTuple
 from hertzloop.common.jit import kernel
 
-class Preload(NamedTuple):
-    preload_n: float
+class Geared(NamedTuple):
     gain: float
 
 @kernel(inline=True)
 def force(actuator, body, command):
     gain = actuator.gain if actuator.gain > 0.0 else abs(command)
-    return actuator.preload_n + gain * command, 0.0
+    return gain * command, 0.0
 ''')
 from tests.hertzloop.with_lines import with_line
 
 with_line(
     "hertzloop.plant.actuator_kernels", "    SecondOrder: (yes,",
-    '    __import__("own_preload").Preload: (no, __import__("own_preload").force),\\n',
+    '    __import__("own_actuator").Geared: (no, __import__("own_actuator").force),\\n',
 )
 import math
 
-from own_preload import Preload
+from own_actuator import Geared
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import actuator
@@ -279,7 +278,7 @@ from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
 
 # The key that selects one, as a scene key of its own would.
-MADE = {1e6: None, 2e6: Preload(0.5, 1.0), 3e6: Preload(0.5, 0.5), 4e6: Preload(0.5, -math.inf)}
+MADE = {1e6: None, 2e6: Geared(1.0), 3e6: Geared(0.5), 4e6: Geared(-math.inf)}
 actuator.build_model = lambda spec, step_s: MADE[spec.force_limit_n]
 KEYS = ["run.accuracy=0.1", "controller.kappa=0.4", "run.duration_s=0.15"]
 
@@ -288,14 +287,12 @@ def loop(key, law="velocity_feedback"):
     return load("aluminium-3mm", settings)
 
 def steps(key):
-    rows = simulate(loop(key, "slope_threshold"), impact_only=True).truth
-    assert (rows[5].min() > 0.49) == (key > 1e6)
-    return rows.shape[1]
+    return simulate(loop(key, "slope_threshold"), impact_only=True).truth.shape[1]
 
-plain, preloaded, weaker = (margin_of(loop(key)) for key in (1e6, 2e6, 3e6))
-assert preloaded == plain
+plain, same, weaker = (margin_of(loop(key)) for key in (1e6, 2e6, 3e6))
+assert same == plain
 assert abs(weaker.gain_margin / plain.gain_margin - 2.0) < 1e-9
-assert abs(steps(2e6) - steps(1e6)) < 50
+assert steps(2e6) == steps(1e6)
 try:
     margin_of(loop(4e6))
 except SceneError as error:
@@ -348,7 +345,6 @@ def test_the_command_line_takes_the_structure_of_the_examples(tmp_path):
     assert "Control reduces plate energy" in command("run", "--json", "run.json", "--out", "a.mcap")
     ran = json_in(tmp_path / "run.json")
     assert ran["struck"]["name"] == "a simply supported beam"
-    assert ran["theory"] is None
     assert abs(ran["residuals"]["energy"]) < 1e-12
     checked = command("scene", "check")
     assert " nan " not in checked
