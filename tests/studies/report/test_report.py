@@ -164,7 +164,7 @@ def test_what_another_program_controlled_is_not_said_to_repeat(bounces, tmp_path
     assert refused.exit_code == 2
     assert "holds no text of the law that ran, mine 1.0" in refused.output
     assert not (tmp_path / "law.py").exists()
-    assert "digits as recorded" in call("inspect", path).output
+    assert "Digits as recorded" in call("inspect", path).output
     assert "digits as recorded" in call("inspect", path, "--details").output
 
 
