@@ -106,7 +106,7 @@ RECORDINGS = (
     CommandEntry(
         "export",
         "hertzloop.cli.export:export",
-        "Write a recording's samples as CSV, Parquet, NPZ, HDF5 or MCAP.",
+        "Write a recording's samples as CSV, Parquet or MCAP.",
         "export aluminium-20mm.mcap --out samples.csv --from 0 --to 5",
     ),
     CommandEntry(
