@@ -127,12 +127,15 @@ def value_texts(row: MetricRow, without: str = "-") -> list[str]:
     factor, unit = shown_unit(row.field, (each.value for each in values))
     form = ".0f" if row.metric == "contacts" else ".4g"
     largest = max((abs(each.value) * factor for each in values), default=0.0)
-    return [
+    texts = [
         without
         if math.isnan(each.value)
         else with_unit(uncertain_text(each, form, factor, largest), unit)
         for each in values
     ]
+    if row.from_zero and texts[-1] == UNKNOWN:
+        texts[-1] = "nearly 0"
+    return texts
 
 
 def change_text(row: MetricRow, decimals: int = 1) -> str:

@@ -12,7 +12,7 @@ SHORT = ["aluminium-3mm", "--set", "run.duration_s=0.002", "--set", "controller.
 
 def row_of(printed: str) -> str:
     words = " ".join(printed.replace("│", " ").split())
-    return words.split("time by role ")[1].split(" of the wall time")[0]
+    return words.split("time by role: ")[1].split(" of the wall time")[0]
 
 
 @pytest.mark.parametrize("way", default([[], ["--pace", "0.01"]], [[]]))

@@ -10,6 +10,7 @@ import pytest
 
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.loop.simulate import simulate
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.recordings.reader import read
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.cases import CaseState, digest_of, metrics_of_case
@@ -56,7 +57,7 @@ def test_the_impulse_of_a_case_is_the_change_of_momentum_in_its_first_contact(mo
     assert found is not None
     it, sphere = found.impact, scene.sphere
     change = sphere.mass_kg * (it.impact_speed_m_s + it.rebound_speed_m_s)
-    weight = sphere.mass_kg * sphere.gravity_m_s2 * it.duration_s
+    weight = sphere.mass_kg * GRAVITY_M_S2 * it.duration_s
     assert case.impulse_n_s == pytest.approx(change + weight, rel=2e-5)  # read from the gap
     assert case.impulse_n_s == pytest.approx(simulate(scene).balance.contact_impulse_n_s, rel=1e-12)
 
