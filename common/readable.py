@@ -3,7 +3,8 @@
 import math
 import re
 
-_PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+# Prefixes of units, by power of ten.
+PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Units that take a prefix; others, such as dB, % and kg, keep theirs.
 _SCALED = ("J", "m", "N", "s", "Pa", "Hz", "m/s", "W")
 _EXPONENT = re.compile(r"e([+-])0*(\d+)$")
@@ -33,6 +34,6 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
         return f"{number(value, digits)} {unit}".rstrip()
     # The exponent of the rounded value, so that 999.9996 mJ is 1 J.
     exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
-    power = min(max(3 * (exponent // 3), min(_PREFIXES)), max(_PREFIXES))
+    power = min(max(3 * (exponent // 3), min(PREFIXES)), max(PREFIXES))
     scaled = number(value / 10.0**power, digits)
-    return " ".join([scaled, f"{_PREFIXES[power]}{base}", *more])
+    return " ".join([scaled, f"{PREFIXES[power]}{base}", *more])

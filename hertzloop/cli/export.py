@@ -23,10 +23,10 @@ def export(
         typer.Option("--out", "-o", metavar="F", help="Write this .mcap, .parquet or .csv file."),
     ],
     from_ms: Annotated[
-        float, typer.Option("--from", min=0.0, help="Start at this simulated time, ms.")
+        float, typer.Option("--from", min=0, help="Start at this simulated time, ms.")
     ] = 0.0,
     to_ms: Annotated[
-        float | None, typer.Option("--to", min=0.0, help="Stop at this simulated time, ms.")
+        float | None, typer.Option("--to", min=0, help="Stop at this simulated time, ms.")
     ] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:

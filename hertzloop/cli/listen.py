@@ -28,14 +28,14 @@ def listen(
         ),
     ] = Path(),
     distance: Annotated[
-        float, typer.Option(min=0.01, max=1000.0, help="Listen at this distance on the axis, m.")
+        float, typer.Option(min=0.01, max=1000, help="Listen at this distance on the axis, m.")
     ] = 1.0,
     slow: Annotated[
-        float, typer.Option(min=1.0, max=1000.0, help="Slow the sound down by this factor.")
+        float, typer.Option(min=1, max=1000, help="Slow the sound down by this factor.")
     ] = 1.0,
     tail: Annotated[
         float,
-        typer.Option(min=0.0, max=10.0, help="Let the plate ring for this time after the run, s."),
+        typer.Option(min=0, max=10, help="Let the plate ring for this time after the run, s."),
     ] = 0.3,
     json_file: options.JsonOption = None,
 ) -> None:

@@ -49,7 +49,7 @@ TimeoutOption = Annotated[
     typer.Option(
         "--timeout",
         min=0.1,
-        max=1e6,
+        max=1_000_000,
         help="Stop waiting for a message of another process after this time, s.",
         rich_help_panel=EXPERT,
     ),
@@ -73,7 +73,7 @@ PaceOption = Annotated[
     float | None,
     typer.Option(
         min=1e-9,
-        max=1000.0,
+        max=1000,
         help="Follow the wall clock at this ratio of simulated to wall time, without waiting for "
         "forces; default: lock-step.",
     ),
@@ -111,7 +111,7 @@ WaitOption = Annotated[
     typer.Option(
         "--wait",
         min=0.1,
-        max=1e6,
+        max=1_000_000,
         help="Stop waiting for other processes to appear after this time, s.",
     ),
 ]

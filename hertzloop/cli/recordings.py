@@ -93,8 +93,8 @@ def compare(
     tolerance: Annotated[
         float,
         typer.Option(
-            min=0.0,
-            max=1.0,
+            min=0,
+            max=1,
             help="Allow this difference relative to the largest value of a field; for "
             "different processors, for example 1e-9.",
         ),

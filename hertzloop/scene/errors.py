@@ -53,7 +53,8 @@ def _refused(keys: tuple[str, ...], value: Any, problems: Iterable[Any], field: 
     wanted = " or ".join(dict.fromkeys(_wanted(problem) for problem in problems))
     bounds = bounds_of(field)
     between = bounds if bounds.startswith(_OPEN) else f"from {bounds}"
-    remedy = f". Give a value {between}." if bounds else "."
+    several = any(problem["type"].startswith("tuple") for problem in problems)
+    remedy = f". Give {'values' if several else 'a value'} {between}." if bounds else "."
     return f"{'.'.join(keys)} = {shown(value)}: must be {wanted}{remedy}"
 
 

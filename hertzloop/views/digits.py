@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable
 
+from hertzloop.common.readable import PREFIXES
 from hertzloop.results.metric_fields import MetricField
 from hertzloop.results.metric_rows import MetricRow, UncertainValue
 
@@ -13,7 +14,6 @@ LEGEND = f"{UNKNOWN}: not predictable"
 RANGE = "Ranges: contact may begin at any part of a step"
 
 _SI = {"us": "s", "uJ": "J", "mm": "m", "N": "N", "Pa": "Pa"}  # units that take prefixes
-_PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M"}
 _PLAIN = 7  # digits before the decimal point that are written without an exponent
 
 
@@ -71,8 +71,8 @@ def shown_unit(field: MetricField, values: Iterable[float]) -> tuple[float, str]
     if field.unit not in _SI or largest == 0.0:
         return field.factor, field.unit
     power = 3 * math.floor(math.log10(largest * (1.0 + 1e-3)) / 3.0)
-    power = min(max(power, min(_PREFIXES)), max(_PREFIXES))
-    return 10.0**-power, f"{_PREFIXES[power]}{_SI[field.unit]}"
+    power = min(max(power, min(PREFIXES)), max(PREFIXES))
+    return 10.0**-power, f"{PREFIXES[power]}{_SI[field.unit]}"
 
 
 def uncertain_text(

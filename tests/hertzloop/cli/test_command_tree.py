@@ -1,6 +1,7 @@
 """The tree of commands: every entry has help and an example, and the start imports little."""
 
 import os
+import re
 import shlex
 
 import pytest
@@ -29,6 +30,7 @@ def test_the_help_fits_on_one_screen():
 def test_the_help_of_a_command_fits_on_two_screens(entry):
     done = invoke([*entry.words.split(), "--help"], env={"COLUMNS": "100"})
     assert 5 < len(done.stdout.splitlines()) <= 80
+    assert not re.findall(r"\d\.0<|x[<>]=?\d+\.0", done.stdout)  # a bound is a whole number
 
 
 def test_run_has_its_expert_options_below_the_others():

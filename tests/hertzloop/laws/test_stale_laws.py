@@ -107,6 +107,16 @@ def test_a_scene_follows_its_law():
         hertzloop.simulate(asked)
 
 
+def test_a_law_of_unknown_identity_runs_in_one_process(here):
+    """Plant and controller load it one after the other: each counts it anew."""
+    text = law("VALUES = [0.5]\n", "VALUES[0]")
+    Path("mine.py").write_text(text)
+    scene = hertzloop.load("aluminium-3mm", SHORT)
+    assert "unknown" in scene.controller.law_digest
+    run = hertzloop.run(scene, "run.mcap", transport="inprocess")
+    assert run.impacts[0].peak_force_n == hertzloop.simulate(scene).impacts[0].peak_force_n
+
+
 def test_the_environment(monkeypatch):
     Path("mine.py").write_text(law("import os\nK = float(os.environ['OWN_GAIN'])"))
     for gain in (0.2, 0.5):
