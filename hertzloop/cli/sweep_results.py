@@ -14,6 +14,7 @@ from hertzloop.cli.sweep_tables import (
 )
 from hertzloop.cli.terminal import err, out
 from hertzloop.common.readable import quantity
+from hertzloop.results.predictability import whole_run_known
 from hertzloop.results.spans import OTHER, Span
 from hertzloop.results.touch_phases import TOUCH_PHASE_KEY
 from hertzloop.scene.setup import Setup
@@ -168,6 +169,8 @@ def _print_best(study: SweepStudy, results: SweepResult) -> None:
         request.span,
         f"--span {other_span} sweeps the other.",
     ):
+        if not whole_run_known(study.plan.setup.vary(values)):
+            sentence = "Later impacts are not predictable."
         out.say(f"At the least plate energy: {sentence}")
 
 

@@ -161,6 +161,24 @@ def later_impacts_known(impacts: Sequence[Impact], known: Sequence[ImpactErrors]
     )
 
 
+def whole_run_known(setup: Setup) -> bool:
+    """Return whether every impact of a run is predictable, and every one of the same run without
+    control.
+
+    Both are simulated twice. The requested accuracy stands for the model error. False where the law
+    stops in a repeat.
+    """
+    try:
+        for run in (setup, setup.without_control(same_plate=True)):
+            impacts = [one.impact for one in impacts_of_blocks(run, closed_loop_truth(run))]
+            known = known_impacts(run, impacts, setup.accuracy)
+            if not later_impacts_known(impacts, known):
+                return False
+    except SceneError:
+        return False
+    return True
+
+
 def horizon_step(setup: Setup, tolerance: float) -> int | None:
     """Return the first step at which two processors may differ by more than `tolerance` of a
     field's largest value; None if they agree to the end. Raises SceneError."""

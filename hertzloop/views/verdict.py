@@ -78,7 +78,7 @@ def spans_differ(own_db: float, other_db: float | None, span: Span, hint: str) -
     if other_db is None or not abs(other_db - own_db) > MUCH_DB:
         return []
     return [
-        f"Plate energy changes by {own_db:+.1f} dB {IN_WORDS[span]} and by {other_db:+.1f} dB "
+        f"Plate energy changes by {own_db:+z.1f} dB {IN_WORDS[span]} and by {other_db:+z.1f} dB "
         f"{IN_WORDS[OTHER[span]]}, because the contacts after the first differ. {hint}".strip()
     ]
 

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from hertzloop.results.cases import CaseState, uncontrolled
+from hertzloop.results.predictability import whole_run_known
+from hertzloop.results.span_metrics import MUCH_DB
 from hertzloop.results.spans import OTHER, Span
 from hertzloop.results.touch_phases import spread_of
 from hertzloop.scene.setup import Setup
@@ -76,6 +78,9 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     ideal, *others = found
     real = others.pop() if request.with_real else None
     (other_row,) = evaluate(counted, setup, OTHER[scene.span], [{}])
+    own_db, other_db = ideal.nominal.metrics["plate_energy_db"], other_row["plate_energy_db"]
+    if abs(other_db - own_db) > MUCH_DB and not whole_run_known(setup):
+        other_db = None
     cases = tally.cases
     likely = None
     if plan.uncertain is not None:
@@ -91,7 +96,7 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         ideal=ideal,
         real=real,
         other=others[0] if others else None,
-        other_db=other_row["plate_energy_db"],
+        other_db=other_db,
         probability=likely,
         cases=cases,
         all_cases=tally.cases,

@@ -62,7 +62,8 @@ class BudgetResult:
         ideal: Effect and limits in the scene.
         real: The same in the real plant; None if it was not asked for.
         other: The same as `ideal` by metrics of the other span; None if it was not asked for.
-        other_db: Change of the plate energy over the other span, dB; None without one.
+        other_db: Change of the plate energy over the other span, dB; None without one, and
+            where later impacts are not predictable.
         probability: How likely the goals are met with uncertain keys, if asked for.
         cases: Number of cases that the limits took.
         all_cases: Number of all cases.

@@ -9,7 +9,8 @@ from hertzloop.recordings.compare import first_difference
 from hertzloop.results.comparison import comparison
 from hertzloop.results.metric_rows import uncertain_values
 from hertzloop.results.metrics import metrics_of
-from hertzloop.results.predictability import horizon_step, known_impacts
+from hertzloop.results.predictability import horizon_step, known_impacts, whole_run_known
+from hertzloop.scene.setup import load as load_setup
 from hertzloop.views.comparison import PrintedComparison
 from hertzloop.views.digits import known_digits
 from tests.commands import invoke, succeed
@@ -104,6 +105,16 @@ def test_the_error_of_the_second_impact_is_what_more_modes_change():
 )
 def test_digits(value, error, shown):
     assert known_digits(value, ".4f", error) == shown
+
+
+def test_the_whole_run_is_known_where_a_run_says_so(here):
+    """As the verdict of `run` on later impacts; a sweep and a budget print it as well."""
+    assert whole_run_known(load_setup("aluminium-20mm"))
+    assert not whole_run_known(FOUR)
+    words = ["sweep", "aluminium-3mm", "--over", "controller.latency_us=0,4", "--workers", "1"]
+    printed = " ".join(succeed(*words).split())
+    assert "At the least plate energy: Later impacts are not predictable." in printed
+    assert "over all contacts" not in printed
 
 
 def test_compare_stops_where_rounding_decides(tmp_path):
