@@ -60,6 +60,7 @@ HAS = {
     "printf 'latency_us\\n3\\n4\\n3\\n5\\n' > scope.csv",
     "docs/how-to/recordings.md": "hertzloop run aluminium-3mm --out A.mcap && "
     "hertzloop run aluminium-3mm --set controller.latency_us=1 --out B.mcap",
+    "docs/how-to/own-loop.md": f"cp {EXAMPLES}/the_loop.py {EXAMPLES}/gym_env.py .",
     "docs/how-to/latency-trace.md": f"cp {EXAMPLES}/latency/* .",
     "docs/reference/wire.md": f"cp {EXAMPLES}/own_controller.py my_controller.py",
     "docs/tutorials/fit.md": f"cp {EXAMPLES}/bench* .",

@@ -92,13 +92,12 @@ def recording(tmp_path_factory):
 _SAMPLED = [["export", "F.mcap", "-o", f"{{}}{end}"] for end in (".csv", ".parquet", ".mcap")]
 _OUTPUTS = [
     *_SAMPLED,
-    ["scene", "modes", "-o", "{}.csv"],
+    ["scene", "modes", "aluminium-3mm", "-o", "{}.csv"],
     ["repair", "F.mcap", "-o", "{}.mcap"],
     ["replay", "F.mcap", "--save", "{}.rrd", "--alone"],
     ["inspect", "F.mcap", "--json", "{}"],
     ["law", "new", "{}.py"],
     ["scene", "new", "{}.toml"],
-    ["law", "replay", "F.mcap", "--law", "shifted_threshold", "-o", "{}.png"],
     ["export-plant", "aluminium-3mm", "--cpu", "host", "-o", "{}.fmu"],
     ["report", "F.mcap", "--out-dir", "{}"],
     ["listen", "F.mcap", "--out-dir", "{}"],
