@@ -18,6 +18,8 @@ _ROUNDINGS = (1e-15, 1e-12, 1e-10)  # lengths of a last step, each for so many r
 _NO_SHIFT = 1e-15
 _TWINS = 4e-16  # distance of poles that are the same
 _MOST_SHIFT, _BESIDE = 0.05, 1e-4  # starts: beside a pole of the plant at most, and of the law
+# Starts of two conjugate poles are no conjugates, which could never become two real poles.
+_TURN = np.exp(0.1j)
 _AT_ZERO = 1e-7  # a zero of the law at 0 leaves a pole there, which means nothing
 _LARGEST = 300.0  # logarithm of the largest power of Z
 MOST_STATES = 10_000  # up to which closed-loop poles are computed, in some seconds at most
@@ -69,7 +71,7 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
         radius = min(max(scale, 1e-12) ** (1.0 / late), 0.98) if late else 0.0
         ring = max(radius, 0.02) * np.exp(2j * np.pi * (np.arange(late) + 0.37) / max(late, 1))
         beside = control + _BESIDE * np.exp(1j * np.arange(len(control)))
-        z = np.concatenate([own + moved, beside, ring])
+        z = np.concatenate([own + moved * _TURN, beside, ring])
         poles, residues = own, residues[~still]
         moving = np.ones(len(z), bool)
         for i in range(_ROUNDS):

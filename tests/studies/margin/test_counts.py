@@ -14,8 +14,9 @@ from hertzloop.studies.margin.table import FrequencyResponse
 from tests.tiers import default
 
 
-def test_counts_of_hard_loops_agree_with_all_poles():
-    checks = list(synthetic(7, 150))
+@pytest.mark.parametrize("seed", [7, 9, 10])  # in 9 and 10, conjugate starts never converged
+def test_counts_of_hard_loops_agree_with_all_poles(seed):
+    checks = list(synthetic(seed, 150))
     assert [c for c in checks if not c.agrees] == []
     assert sum(c.predicted > 0 for c in checks) > 50
 
