@@ -52,7 +52,6 @@ _TIGHT = 1e-7  # of the force; Newton squares what is left
 # Of the gap at all nodes; what Newton leaves of the force is 0.4 times its square.
 _NEAR = 3e-5
 _SLIGHT = 1e-9  # of the gap: a correction that moves it less needs no second one
-_NARROW = 0.05  # of the penetration: Gauss's rule loses no digit there, a difference does
 _SOFT = 0.2  # e of `root_penetration` below which its series and one Halley step give 1e-9
 
 

@@ -97,12 +97,6 @@ def kirchhoff_error(
     return KirchhoffError(energy, speed, force, max(energy, speed, force))
 
 
-def expected_kirchhoff_error(sphere: Sphere, plate: Plate, contact: Contact) -> KirchhoffError:
-    """The same before any run, with length and peak force of Zener's impact."""
-    impact = zener_impact(sphere, plate, contact)
-    return kirchhoff_error(plate, contact.stiffness, impact.contact_s, impact.peak_force_n)
-
-
 def _unit_s(sphere: Sphere, contact: Contact) -> float:
     """Zener's unit of time."""
     root = math.sqrt(sphere.impact_speed_m_s)

@@ -4,12 +4,12 @@ import re
 from decimal import Decimal
 from typing import NamedTuple
 
-from hertzloop.common.decimal_signs import may_separate_thousands
 from hertzloop.scene.errors import shown
 from hertzloop.scene.latency_trace.trace_file import IN_US, Latencies, TraceFile
 
 # A unit in brackets, or after a slash or an underscore.
 _HEADING = re.compile(r"(.+?)\s*(?:[\[(]\s*(\S*?)\s*[\])]|/\s*(\S+)|_(\S+?))?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")  # a comma that may separate them, as in 1,200
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?")
 
 
@@ -125,7 +125,7 @@ def _check_commas(cells: list[str], headed: bool) -> None:
         )
     if any("." in cell for cell in cells):
         raise ValueError("has numbers with a decimal comma and with a decimal point. Use one")
-    if all(may_separate_thousands(cell) for cell in commas):
+    if all(_THOUSANDS.fullmatch(cell) for cell in commas):
         raise ValueError(
             f"{shown(commas[0])}: the comma may begin the decimals or separate thousands. Use a "
             "decimal point, and nothing between thousands"
