@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant.contact.hertz import Contact, Damping
-from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.plant.plant import Balance, Plant, PlantSpec, balance
 from hertzloop.plant.schemes import thesis2008_kernels
 from hertzloop.plant.schemes.thesis2008_kernels import (
@@ -44,8 +43,7 @@ from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators
 
 NEWTON_ALLOWED = 30_000_000  # the published runs needed up to 22,942,400
-_BLOCK = 256
-_MODES_AT_ONCE, _PAIRS_AT_ONCE = 1 << 16, 1 << 23
+_BLOCK, _MODES_TOGETHER = 256, 8  # samples and modes whose sums stay in the nearest memory
 
 
 def green_functions(
@@ -57,29 +55,16 @@ def green_functions(
     first value is zero, as published. g(t) = lambda sum Phi^2 sin(Theta t)/Theta e^(-delta t).
     """
     eta = plate.eta
-    theta = modes.omega * math.sqrt(1.0 - eta * eta / 4.0)
-    s = theta * (1j - (eta / 2.0) / math.sqrt(1.0 - eta * eta / 4.0))
-    weight = plate.modal_scale_per_kg * modes.contact**2 / theta
+    root = math.sqrt(1.0 - eta * eta / 4.0)
+    theta = modes.omega * root
+    weight = plate.modal_scale_per_kg * modes.contact * modes.contact / theta
     total = np.zeros((3, -(-count // _BLOCK), _BLOCK))
-    # A mode and a time at most so often at once: all pairs would not fit for a large plate.
-    for first in range(0, len(s), _MODES_AT_ONCE):
-        some = slice(first, first + _MODES_AT_ONCE)
-        _add_modes(total, s[some], weight[some], step_s)
+    room = [np.empty((_MODES_TOGETHER, *each)) for each in ((2, _BLOCK), (3, 2), (2,))]
+    decay = theta * (-(eta / 2.0) / root)
+    thesis2008_kernels.add_modes(decay, theta, weight, step_s, *room, total)
     sampled = total.reshape(3, -1)[:, :count].copy()
     sampled[2, 0] = 0.0
     return sampled[0], sampled[1], sampled[2]
-
-
-@on_one_thread
-def _add_modes(total: np.ndarray, s: np.ndarray, weight: np.ndarray, step_s: float) -> None:
-    """Add modes of exponents `s` to the three functions, shape (3, blocks, _BLOCK)."""
-    inside = np.exp(np.outer(s, np.arange(_BLOCK) * step_s))
-    rows = max(1, _PAIRS_AT_ONCE // len(s))
-    for first in range(0, total.shape[1], rows):
-        blocks = np.arange(first, min(first + rows, total.shape[1]))
-        starts = np.exp(np.outer(blocks * _BLOCK * step_s, s))
-        for function, factor in zip(total, (np.ones_like(s), s, s * s), strict=True):
-            function[blocks] += ((starts * (weight * factor)) @ inside).imag
 
 
 @lru_cache(maxsize=32)
@@ -151,7 +136,9 @@ class ThesisPlant(Plant):
     def _empty_state(self) -> thesis2008_kernels.ThesisState:
         steps = self._steps
         memory = steps + 2 if self.model.damping != VISCOUS else 0
-        decay_s = self.model.relaxation_s or 1.0
+        decay = np.empty(memory)
+        if memory:
+            thesis2008_kernels.fill_decay(self.model.step_s, self.model.relaxation_s, decay)
         return thesis2008_kernels.ThesisState(
             body=np.zeros(BODY_SIZE),
             balance=np.zeros(BALANCE_SIZE),
@@ -160,7 +147,7 @@ class ThesisPlant(Plant):
             total=np.zeros(steps + 2),
             undamped=np.zeros(steps + 2),
             depth=np.zeros(steps + 2),
-            decay=np.exp(-np.arange(memory) * self.model.step_s / decay_s),
+            decay=decay,
         )
 
     def _initial_state(self) -> thesis2008_kernels.ThesisState:

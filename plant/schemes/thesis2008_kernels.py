@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hertzloop.common import elementary_kernels
 from hertzloop.common.jit import kernel
 from hertzloop.plant import state_kernels
 from hertzloop.plant.state_kernels import (
@@ -65,6 +66,7 @@ COUNTS_SIZE = state_kernels.COUNTS_SIZE + 4
 _HALVINGS = 200
 _NEWTON_ALLOWED = 12  # then bisection takes turns with Newton
 _ROUNDING = 1e-15
+_DIED_AWAY = 1e-30  # of a mode's first value; numbers that small would become denormal and slow
 _TOUCH_M = 1e-300  # above contact, however the last digit falls
 
 
@@ -105,6 +107,79 @@ class ThesisState(NamedTuple):
     undamped: np.ndarray
     depth: np.ndarray
     decay: np.ndarray
+
+
+@kernel
+def add_modes(s_re, s_im, weight, step_s, powers, first, turn, total):
+    """Add Im(weight s^i e^(s t)) of all modes to `total[i]`, i = 0, 1, 2; all arithmetic strict.
+
+    Times are those of blocks: t = (block size + j) step_s. A mode's powers within a block are a
+    table, and at its start a factor that turns from block to block.
+
+    Args:
+        s_re, s_im: exponents of the modes, 1/s, shape (modes,).
+        weight: of the modes, shape (modes,).
+        powers, first, turn: room for some modes that are added together, shapes (some, 2, size),
+            (some, 3, 2) and (some, 2).
+        total: sums, shape (3, blocks, size).
+    """
+    together = powers.shape[0]
+    for start in range(0, weight.size, together):
+        count = min(together, weight.size - start)
+        for k in range(count):
+            re, im = s_re[start + k], s_im[start + k]
+            _powers(re * step_s, im * step_s, powers[k], turn[k])
+            a, b = weight[start + k], 0.0
+            for i in range(3):
+                first[k, i, 0], first[k, i, 1] = a, b
+                a, b = a * re - b * im, a * im + b * re
+        for block in range(total.shape[1]):
+            for k in range(count):
+                if abs(first[k, 0, 0]) + abs(first[k, 0, 1]) < _DIED_AWAY * weight[start + k]:
+                    continue
+                _add_block(first[k], powers[k], total[:, block])
+                c, d = turn[k, 0], turn[k, 1]
+                for i in range(3):
+                    a, b = first[k, i, 0], first[k, i, 1]
+                    first[k, i, 0], first[k, i, 1] = a * c - b * d, a * d + b * c
+
+
+@kernel
+def _powers(re, im, table, turn):
+    """Powers 0, 1, 2 ... of e^(re + i im), shape (2, size), and the first one beyond."""
+    size = table.shape[1]
+    decay = elementary_kernels.exp(re)
+    sine, cosine = elementary_kernels.sine_and_cosine(im)
+    table[0, 0], table[1, 0] = 1.0, 0.0
+    table[0, 1], table[1, 1] = decay * cosine, decay * sine
+    for j in range(2, size + 1):
+        one, other = j // 2, j - j // 2
+        a, b, c, d = table[0, one], table[1, one], table[0, other], table[1, other]
+        if j < size:
+            table[0, j], table[1, j] = a * c - b * d, a * d + b * c
+        else:
+            turn[0], turn[1] = a * c - b * d, a * d + b * c
+
+
+@kernel
+def _add_block(first, table, found):
+    """Add Im(first[i] table) to `found[i]`, i = 0, 1, 2, over one block."""
+    x, v, a = found[0], found[1], found[2]
+    re, im = table[0], table[1]
+    x_re, x_im = first[0, 0], first[0, 1]
+    v_re, v_im = first[1, 0], first[1, 1]
+    a_re, a_im = first[2, 0], first[2, 1]
+    for j in range(re.size):
+        x[j] += x_re * im[j] + x_im * re[j]
+        v[j] += v_re * im[j] + v_im * re[j]
+        a[j] += a_re * im[j] + a_im * re[j]
+
+
+@kernel
+def fill_decay(step_s, relaxation_s, decay):
+    """Write e^(-t/tau) at 0, dt, 2 dt ... into `decay`."""
+    for n in range(decay.size):
+        decay[n] = elementary_kernels.exp(-(n * step_s) / relaxation_s)
 
 
 @kernel
