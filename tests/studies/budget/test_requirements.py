@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.controller import laws
 from hertzloop.scene.errors import SceneError
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.requirement import read_requirements
@@ -49,6 +50,23 @@ def test_requirements_say_what_holds_and_what_fails(pool, requirements, tmp_path
     assert "controller.latency_us=12" in late.command
     requirements.write_text(REQUIREMENTS.replace("-9.044", "-9.08"))  # more than its digits
     assert not check(pool, read_requirements(requirements)[0]).passed
+
+
+@pytest.mark.parametrize(
+    ("force", "passes"),
+    [
+        ("0.5 * (value * p.gain + value * p.gain)", True),
+        ("-p.gain * value", False),
+        ("1.01 * p.gain * value", False),
+        ("p.gain * samples[max(i - 1, 0)]", False),
+    ],
+)
+def test_a_fault_in_a_law_fails_and_an_equivalent_rewrite_passes(pool, requirements, force, passes):
+    shipped = Path(laws.__file__).with_name("force_feedback.py").read_text()
+    law = requirements.with_name("law.py")
+    law.write_text(shipped.replace("p.gain * value", force))
+    requirements.write_text(REQUIREMENTS.replace('law = "force_feedback"', 'law = "law.py"'))
+    assert check(pool, read_requirements(requirements)[0]).passed == passes
 
 
 @pytest.mark.parametrize(
