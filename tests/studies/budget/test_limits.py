@@ -118,36 +118,6 @@ def test_a_search_goes_on_beyond_the_usual_range_until_the_goal_fails(last):
     assert (whole.boundary, whole.searched) == (Boundary.NO_LIMIT, (0.0, 999.0))
 
 
-def test_values_that_the_scene_refuses_end_a_search_without_a_failure():
-
-    def run(cases):
-        return [
-            row(-1.0, CaseState.METRICS if case["a.b"] <= 62 else CaseState.NOT_RUN)
-            for case in cases
-        ]
-
-    (limit,) = side_by_side([limit_of(LATENCY, [GOAL], SearchEffort((0.5,), (1,), 6))], run)
-    assert (limit.boundary, limit.value, limit.first_failure) == (Boundary.REFUSED, 62, None)
-    assert (limit.share, limit.reason) == (None, "a.b: no")
-
-
-def test_a_case_that_fails_is_no_refusal():
-
-    def of(value):
-        if value <= 62:
-            return row(-1.0)
-        if value <= 90:
-            return row(0.0, CaseState.FAILED) | {"status": "a bug"}
-        return row(0.0, CaseState.NOT_RUN)
-
-    def run(cases):
-        return [of(case["a.b"]) for case in cases]
-
-    (limit,) = side_by_side([limit_of(LATENCY, [GOAL], SearchEffort((0.5,), (1,), 6))], run)
-    assert (limit.boundary, limit.value, limit.first_failure) == (Boundary.FAILED, 62, 63)
-    assert (limit.share, limit.reason) == (None, "a.b: a bug")
-
-
 LATE_LAW = """
 from typing import NamedTuple
 

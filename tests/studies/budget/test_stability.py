@@ -66,14 +66,12 @@ UNSTABLE = {
     "declared": ["controller.law=declared.py"],
     "velocity": ["controller.law=velocity_feedback"],
     "acceleration": ["controller.law=acceleration_feedback"],
-    "linear": ["controller.law=linear", "sensors.quantity=v_p", "controller.numerator=[-20]"],
     "integral": [
         "controller.law=linear",
         "sensors.quantity=acceleration",
         "controller.numerator=[-2e-5]",
         "controller.denominator=[1, -1]",
     ],
-    "position": ["controller.law=linear", "sensors.quantity=xi", "controller.numerator=[-1e7]"],
 }
 
 
@@ -217,11 +215,6 @@ def test_the_command_gives_one_answer(folder):
     assert data["unstable"] is data["real_plant_unstable"] is True
     assert data["real_plant_linear_margin"]["stable"] is False
     assert data["binds_first"] is data["real_plant_binds_first"] is None
-    plain = invoke([word if word != "pd.py" else "slope_threshold" for word in words])
-    assert "alone" not in plain.stdout
-    data = json.loads(Path("a.json").read_text())
-    assert data["limits"]["latency_us"]["impact_alone"] is None
-    assert data["unstable"] is None
 
 
 ROWS = """
@@ -255,22 +248,6 @@ def rows(folder):
     return path
 
 
-def test_a_requirement_fails_for_an_unstable_loop(pool, rows):
-    late, coarse, quiet = (check(pool, one) for one in read_requirements(rows))
-    for failed in (late, coarse):
-        assert not failed.passed
-        assert failed.unstable
-        assert "tolerated none (unstable loop)" in failed.fails[0]
-        assert "because the linear loop is unstable (grows 23.25/s" in failed.fails[0]
-        assert not failed.warnings
-    assert "tolerated by the impact alone: up to 12 us" in late.fails[0]
-    assert "controller.latency_us=0" in late.command
-    assert "sensors.bits" not in coarse.command
-    assert quiet.passed  # what it asks for holds
-    assert quiet.unstable
-    assert "the linear loop is unstable (grows 23.25/s" in quiet.warnings[0]
-
-
 def test_a_requirement_beyond_the_stable_latency_names_it(pool, rows):
     rows.write_text(
         '[hertzloop]\nlaw = "velocity_feedback"\n[[requirement]]\nname = "late"\n'
@@ -292,7 +269,8 @@ def test_the_check_says_so_too(rows):
     done = invoke(["budget", "--check", str(rows), "--json", "a.json", "--workers", "1"])
     assert done.exit_code == 1
     said = " ".join(done.stdout.split())
-    assert "Warning: the linear loop is unstable" in said
+    assert "Warning: the linear loop is unstable (grows 23.25/s" in said
+    assert "tolerated by the impact alone: up to 12 us" in said
     assert "1 of 3 requirements hold" in said
     data = json.loads(Path("a.json").read_text())
     assert data["unstable"] is True

@@ -1,10 +1,7 @@
 """Searches and charts cut short: they go on where they were, and find what they would have."""
 
 import errno
-import json
 import os
-import signal
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,11 +16,7 @@ from hertzloop.studies.cases.journal import Journal
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows
 from tests.commands import invoke
-from tests.studies.sweeping import COARSE, command, wait_until
-
-TUNE = ["tune", "aluminium-3mm", "--law", "predicted", "--set", "run.accuracy=0.05", "--set",
-        "run.duration_s=0.0016", "--generations", "20", "--population", "40"]  # fmt: skip
-
+from tests.studies.sweeping import COARSE
 
 SHORT = ["aluminium-3mm", "--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0013"]
 
@@ -31,8 +24,28 @@ SHORT = ["aluminium-3mm", "--set", "run.accuracy=0.05", "--set", "run.duration_s
 @pytest.mark.parametrize(
     "words",
     [
-        ["sweep", *SHORT, "--over", "controller.latency_us=0:60:1", "--workers", "1"],
-        ["tune", *SHORT, "--law", "predicted", "--generations", "2", "--population", "20"],
+        [
+            "sweep",
+            *SHORT,
+            "--over",
+            "controller.latency_us=0:60:1",
+            "--workers",
+            "1",
+            "-o",
+            "r.csv",
+        ],
+        [
+            "tune",
+            *SHORT,
+            "--law",
+            "predicted",
+            "--generations",
+            "2",
+            "--population",
+            "20",
+            "-o",
+            ".",
+        ],
     ],
 )
 def test_a_full_disk_ends_a_study_in_a_sentence_and_keeps_what_is_done(
@@ -62,55 +75,12 @@ def test_a_full_disk_ends_a_study_in_a_sentence_and_keeps_what_is_done(
     assert result.exit_code == 0, result.stderr
     assert words[0] == "sweep" or "Continuing with 4 finished cases" in result.stderr
     assert not path.exists()
-
-
-def _journal(folder: Path) -> Path | None:
-    return next(folder.glob("*.partial"), None)
-
-
-def _kept(folder: Path) -> list[str]:
-    """Names of the finished cases."""
-    path = _journal(folder)
-    lines = path.read_bytes().splitlines(keepends=True)[1:] if path else []
-    return [json.loads(line)["case"] for line in lines if line.endswith(b"\n")]
-
-
-def _wait_for(folder: Path, cases: int, process: subprocess.Popen[Any]) -> None:
-    wait_until(lambda: len(_kept(folder)) >= cases, process)
-
-
-def _told(path: Path) -> dict[str, Any]:
-    return dict(json.loads(path.read_text()))
-
-
-@pytest.mark.full
-@pytest.mark.usefixtures("warm_kernels")
-def test_a_killed_search_finds_what_it_would_have_and_runs_every_case_once(tmp_path):
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
-    report = tmp_path / "r.json"
-    subprocess.run(
-        command(*TUNE, "-o", str(whole), "--json", str(report)), check=True, capture_output=True
-    )
-    at_once = _told(report)
-    words = command(*TUNE, "-o", str(cut), "--json", str(report))
-    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL)
-    _wait_for(cut, 100, process)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    finished = _kept(cut)
-    assert len(set(finished)) == len(finished)
-    done = subprocess.run(words, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert f"Continuing with {len(finished)} finished cases of {cut}/tune-aluminium-3mm-" in (
-        " ".join(done.stderr.split())
-    )
-    told = _told(report)
-    assert len(finished) + told.pop("ran") == at_once.pop("ran")
-    assert told == at_once
-    results = {f.name: f.read_bytes() for f in cut.glob("*.csv")}
-    assert list(results) == ["tune-aluminium-3mm.csv"]
-    assert results["tune-aluminium-3mm.csv"] == (whole / "tune-aluminium-3mm.csv").read_bytes()
-    assert _journal(cut) is None
+    (results,) = tmp_path.glob("*.csv")
+    continued = results.read_bytes()
+    for made in tmp_path.iterdir():
+        made.unlink()
+    assert invoke(words).exit_code == 0
+    assert results.read_bytes() == continued
 
 
 def _counted(pool: Pool, ran: list[str]) -> Pool:
@@ -164,25 +134,3 @@ def test_a_case_asked_for_twice_is_run_once(tmp_path):
 def test_other_work_has_another_file(tmp_path):
     with kept(tmp_path, "a", {"seed": 1}) as one, kept(tmp_path, "a", {"seed": 2}) as other:
         assert one.journal.path != other.journal.path
-
-
-@pytest.mark.full
-@pytest.mark.usefixtures("warm_kernels")
-def test_ctrl_c_says_that_the_same_command_goes_on(tmp_path):
-    process = subprocess.Popen(
-        command(*TUNE, "-o", str(tmp_path)),
-        start_new_session=True,
-        text=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-    )
-    _wait_for(tmp_path, 100, process)
-    os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=240)  # running chunks are finished first
-    path = _journal(tmp_path)
-    assert process.returncode == 130
-    assert path.name.startswith("tune-aluminium-3mm-")
-    assert said.splitlines()[-1] == (
-        f"interrupted; finished cases are kept in {path}. Run the same command again to continue"
-    )
-    assert "Traceback" not in said

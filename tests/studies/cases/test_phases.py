@@ -7,7 +7,6 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.latency import Named, critical
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.scene.setup import load
@@ -82,12 +81,3 @@ def test_tuning_searches_by_the_mean_and_tells_the_range(pool):
     spread = best.spreads["plate_energy_db"]
     assert (spread.least, spread.most) == pytest.approx((min(values), max(values)))
     assert spread.most > spread.least + 0.1
-
-
-def test_critical_latencies_have_a_range(pool):
-    found = critical(pool, Named("early", "aluminium-3mm", EARLY, "impact"), "slope_threshold", 5)
-    assert (found.least_latency_us, found.most_survived_us) == (2.0, 3.0)
-    assert found.critical_latency_us == 3.0
-    values = by_hand()
-    assert found.mean_db == pytest.approx(np.mean(values))
-    assert (found.least_db, found.most_db) == pytest.approx((min(values), max(values)))
