@@ -20,10 +20,12 @@ VELOCITY = ["controller.law=velocity_feedback"]
 LEAKY = ["controller.law=acceleration_feedback", "controller.kappa=0.9"]
 ROWS = "[[1.0, -1.9, 1.0, 1.0, -1.8, 0.9], [1.0, 0.5, 0.0, 1.0, 0.0, 0.0]]"
 NOTCH = ["controller.law=linear", "controller.gain=-300", f"controller.sections={ROWS}"]
+FIR = ["controller.law=linear", "controller.numerator=[0.0, -20.0, 50.0]"]
 CASES = {
     "oak": ("oak-20mm", [*VELOCITY, "controller.kappa=1.1"]),
     "leaky integral": ("oak-20mm", LEAKY),
     "filter": ("oak-20mm", NOTCH),
+    "fir": ("oak-20mm", FIR),
     "aluminium": ("aluminium-20mm", [*VELOCITY, "controller.kappa=0.9"]),
     "actuator": (
         "aluminium-20mm",
@@ -32,7 +34,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", default(CASES, ("oak", "leaky integral", "filter")))
+@pytest.mark.parametrize("name", default(CASES, ("oak", "leaky integral", "filter", "fir")))
 @pytest.mark.parametrize("delay", [1, 21, 200])
 def test_all_poles_are_zeros_of_1_plus_l_and_as_many_as_the_table_says(name, delay):
     scene, settings = CASES[name]
@@ -107,8 +109,19 @@ def test_the_command_writes_picture_numbers_and_plant(tmp_path):
     assert len(plant["poles"]) == data["modes"] + 1  # that of the truncated modes
 
 
-def test_the_command_without_a_margin_gives_the_reason(tmp_path):
-    done = invoke(["margin", "oak-20mm", "--law", "off", "-o", str(tmp_path)])
-    assert done.exit_code == 0, done.output
-    assert json.loads((tmp_path / "margin.json").read_text())["binding_mode"] is None
-    assert not (tmp_path / "margin.png").exists()
+def test_the_command_points_to_the_budget(tmp_path):
+    def margin(*words: str) -> str:
+        done = invoke(["margin", "aluminium-3mm", *words, "--json", str(tmp_path / "m.json")])
+        assert done.exit_code == 0, done.output
+        assert json.loads((tmp_path / "m.json").read_text())["applicable"] is False
+        return " ".join(done.output.split())
+
+    said = margin()
+    assert "No margin: not a linear loop (it waits for a threshold" in said
+    assert "hertzloop budget" in said
+    said = margin("--law", "off")
+    assert "so there is no loop. Name a law, for example --law velocity_feedback." in said
+    assert "budget" not in said
+    said = margin("--law", "force_feedback", "--set", "sensors.quantity=contact_force")
+    assert "the contact force is zero in flight" in said
+    assert "hertzloop budget" in said

@@ -12,7 +12,6 @@ from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import NotLinearError, law_filter, probe
 from hertzloop.studies.margin.law_filters import LawFilter
-from tests.commands import invoke
 
 LAW = '''"""A filter of two poles."""
 
@@ -137,26 +136,6 @@ def test_sections_have_the_response_of_their_polynomials(sos):
         assert np.abs(fractions - expected).max() <= 1e-7 * np.abs(expected).max()
 
 
-def test_a_filter_of_another_sampling_interval_has_no_margin(tmp_path):
-    """`run` refuses it, and so does `margin`."""
-    b, a = sg.butter(2, 2000.0, fs=5e4)
-    np.savez(tmp_path / "filter.npz", b=-30.0 * b, a=a, dt=2e-5)
-    words = [
-        "margin",
-        "oak-20mm",
-        "--set",
-        "controller.law=linear",
-        "--set",
-        f"controller.filter_file={tmp_path / 'filter.npz'}",
-    ]
-    refused = invoke(words)
-    assert refused.exit_code == 2
-    assert "controller.designed_us = 20: the filter was designed for another" in refused.output
-    taken = invoke([*words, "--set", "sensors.every_steps=20"])
-    assert "latency limit: 969 steps" in taken.output
-    assert "stability ends): 12.78" in taken.output
-
-
 @pytest.mark.parametrize(
     ("taps", "denominator"),
     [(21, [1.0]), (30, [1.0, -0.9]), pytest.param(200, [1.0, -0.9], marks=pytest.mark.full)],
@@ -197,18 +176,6 @@ def test_an_integrator_counts_as_a_slow_decay():
     )
     assert found.applicable
     assert found.stable
-
-
-def test_the_slope_of_a_law_is_that_of_its_response():
-    rows = [[0.0, 2.0, -1.0, 1.0, -1.2, 0.5], [1.0, -0.3, 0.0, 1.0, 0.4, 0.0]]
-    linear = ["controller.law=linear", f"controller.sections={rows}"]
-    for keys in (linear, ["controller.law=acceleration_feedback"]):
-        law = law_filter(load("oak-20mm", keys))
-        z = 1.3 * np.exp(1j * np.linspace(0.1, 3.0, 20))
-        value, slope = law.with_slope(z)
-        assert np.array_equal(value, law.at(z))
-        by_difference = (law.at(z + 1e-6) - law.at(z - 1e-6)) / 2e-6
-        assert np.abs(slope - by_difference).max() < 1e-8 * np.abs(slope).max()
 
 
 @pytest.mark.filterwarnings("error")

@@ -112,14 +112,6 @@ def test_the_condition_agrees_with_impulses_in_every_step(every, delay):
         assert bool(whole * (missing @ np.array(squares)).max() < 1.0) is holds
 
 
-@pytest.mark.parametrize("every", [1, 2, 5])
-def test_responses_to_single_steps_add_up_to_that_of_a_held_command(every):
-    form = PoleForm(np.array([0.9 + 0.3j]), np.array([0.2 - 0.1j]), np.array([0.3, -0.2]))
-    z = np.exp(1j * np.linspace(0.1, 3.0, 20))
-    parts = sum(form.in_step(every, step).at(z) for step in range(every))
-    assert np.abs(parts - form.held(every, 0).at(z)).max() < 1e-12
-
-
 def checked(loop: RandomLoop, seed: int) -> tuple[float, str, bool]:
     """Return margin, kind of an unstable sequence within it, and whether all constant latencies
     within it are stable."""
@@ -200,7 +192,6 @@ def test_a_clock_that_drifts_adds_a_sampling_period():
     ("setting", "said"),
     [
         ("controller.jitter_us=5", "certified, 5 us above the shortest one at most"),
-        ("controller.jitter_us=9", "refuted, unstable at a constant latency of 8 us"),
         ("controller.drop_out_probability=0.1", "bursts of up to 7 commands in a row certified"),
         ("controller.latency_us=10", "unstable at 10 us"),
     ],

@@ -115,10 +115,3 @@ def test_oak_has_a_limit_at_its_resonance():
     found = margin_of(load("oak-20mm", VELOCITY))
     assert found.latency_limit_steps == 497
     assert found.binding_frequency_hz == pytest.approx(791.0, abs=1.0)
-
-
-@pytest.mark.parametrize("law", ["slope_threshold", "force_feedback", "off"])
-def test_a_loop_that_is_not_linear_has_no_margin(law):
-    found = margin_of(load("aluminium-20mm", [f"controller.law={law}"]))
-    assert not found.applicable
-    assert found.reason

@@ -177,9 +177,6 @@ def test_a_law_comes_out_of_its_recording(tmp_path, monkeypatch):
     record_in_process(load("aluminium-3mm", settings), tmp_path / "a.mcap", compiled=True)
     source = law.read_bytes()
     law.unlink()
-    text = text_of(tmp_path / "a.mcap")
-    assert law.name in text
-    assert source.decode() in text
     Path("aluminium-3mm.toml").write_text(read(Path("a.mcap")).scene_toml)
     write = ("inspect", "a.mcap", "--law", str(law))
     assert call(*write).exit_code == 0

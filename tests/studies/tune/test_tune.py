@@ -94,9 +94,8 @@ def test_without_a_better_setting_none_is_named():
     good = Candidate({}, {"a": 0.0, "b": 0.0})
     assert better_than(good, [Candidate({}, {"a": -1.0, "b": 1.0})], "a", "b") is None
     assert better_than(good, [Candidate({}, {"a": 0.0, "b": -1.0})], "a", "b") is None
-    for minimised, ending in ((["a"], ""), (["a", "b"], " without raising b")):
-        result = TuneResult(minimised, "impact", {}, [good], good, [], 1, 1)
-        assert result.verdict == f"none beats the published setting in a{ending}"
+    result = TuneResult(["a", "b"], "impact", {}, [good], good, [], 1, 1)
+    assert result.verdict == "none beats the published setting in a without raising b"
 
 
 def test_unstable_settings_are_not_offered(pool):
