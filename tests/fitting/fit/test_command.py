@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ from hertzloop.scene.toml import to_toml
 from tests.commands import invoke, refused
 from tests.fitting.fitting import (
     HEIGHT,
-    PRESSURE,
     RADIUS,
     THICKNESS,
     YIELDS,
@@ -75,55 +74,41 @@ def test_the_command_writes_json_scene_and_picture(tmp_path):
 
 
 _PAGE = Path(__file__).parents[3] / "docs" / "reference" / "fit-json.md"
+FIELDS = dict(re.findall(r"^\| `([^`]+)` \| ([^|]+) \|", _PAGE.read_text("utf-8"), re.M))
 
 
-_TYPES: dict[str, Callable[[Any], bool]] = {
+def is_number(value: Any) -> bool:
+    return type(value) in (int, float)
+
+
+TYPES: dict[str, Callable[[Any], bool]] = {
     "text": lambda v: isinstance(v, str),
     "integer": lambda v: type(v) is int,
-    "number": lambda v: type(v) in (int, float),
-    "number or null": lambda v: v is None or type(v) in (int, float),
-    "text or null": lambda v: v is None or isinstance(v, str),
+    "number": is_number,
     "true or false": lambda v: isinstance(v, bool),
     "object": lambda v: isinstance(v, dict),
-    "object or null": lambda v: v is None or isinstance(v, dict),
-    "object of numbers": lambda v: all(type(x) in (int, float) for x in v.values()),
+    "object of numbers": lambda v: all(map(is_number, v.values())),
     "list": lambda v: isinstance(v, list),
     "list of text": lambda v: all(isinstance(x, str) for x in v),
-    "list of numbers": lambda v: all(type(x) in (int, float) for x in v),
-    "list of lists": lambda v: all(x is None or type(x) is float for row in v for x in row),
+    "list of numbers": lambda v: all(map(is_number, v)),
+    "list of lists": lambda v: all(x is None or is_number(x) for row in v for x in row),
 }
 
 
-def _typed(data: dict[str, Any]) -> None:
-    """Check a JSON against the page: every field is there, of its type, and none is more."""
-    types = dict(re.findall(r"^\| `([^`]+)` \| ([^|]+) \|", _PAGE.read_text("utf-8"), re.M))
-    inside = {path.rpartition(".")[0].removesuffix(".*") for path in types} - {""}
-
-    def walk(value: Any, path: str) -> None:
-        assert _TYPES[types[path]](value), (path, value)
-        if path not in inside or value is None:
-            return
-        many = any(p.startswith(f"{path}.*.") for p in types)
-        fixed = {p for p in types if p.rpartition(".")[0] == path}
-        if isinstance(value, list) or (many and not fixed):
-            for one in value if isinstance(value, list) else value.values():
-                assert {f"{path}.*.{key}" for key in one} == {
-                    p for p in types if p.rpartition(".")[0] == f"{path}.*"
-                }
-                for key, part in one.items():
-                    walk(part, f"{path}.*.{key}")
-            return
-        assert {f"{path}.{key}" for key in value} == fixed
-        for key, part in value.items():
-            walk(part, f"{path}.{key}")
-
-    assert set(data) == {p for p in types if "." not in p}
-    for key, part in data.items():
-        walk(part, key)
+def fields(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Fields of a JSON by the paths of the page, where `*` is any of a list and any name."""
+    yield path, value
+    inside = [known for known in FIELDS if known.startswith(f"{path}.".removeprefix("."))]
+    if inside and value is not None:
+        named = inside[0].startswith(f"{path}.*")
+        parts = enumerate(value) if isinstance(value, list) else value.items()
+        for key, part in parts:
+            yield from fields(part, f"{path}.{'*' if named else key}".removeprefix("."))
 
 
 @pytest.mark.full
 def test_json_has_the_fields_and_types_of_its_page(tmp_path):
+    seen: set[str] = set()
     elastic, yields = record(scene()), record(scene(*YIELDS), seed=4)
     one = write_csv(tmp_path / "a" / "drop.csv", elastic)
     same_name = write_csv(tmp_path / "b" / "drop.csv", record(scene(), seed=8))
@@ -138,10 +123,8 @@ def test_json_has_the_fields_and_types_of_its_page(tmp_path):
         ([bad, *free], 1, "does not fit"),
         ([late, *free, "--free", f"{HEIGHT}±5%"], 0, "cannot tell"),
         ([one, "--free", "plate.loss_factor", "--free", THICKNESS], 2, "fits"),
-        ([one, *free, "--free", PRESSURE, *(f"--set={x}" for x in YIELDS)], 0, "fits"),
         ([one, same_name, *free, "--hold-out", same_name], 0, "fits"),
         ([one, *free, "--check"], 0, "cannot tell"),
-        ([one, "--check", "--free", "plate.loss_factor"], 2, "cannot tell"),
         (["--check", "--expect", "v_p:150us:0.3%", "--free", "contact.stiffness_factor",
           "--free", "sphere.material.young_pa"], 2, "cannot tell"),
     ):  # fmt: skip
@@ -154,25 +137,20 @@ def test_json_has_the_fields_and_types_of_its_page(tmp_path):
         data = json.loads(text)
         assert "NaN" not in text
         assert "Infinity" not in text
-        _typed(data)
+        assert set(data) == {path for path in FIELDS if "." not in path}
+        for path, value in fields(data):
+            if path and not path.endswith("*"):
+                kind = FIELDS[path]
+                null = value is None and kind.endswith(" or null")
+                assert null or TYPES[kind.removesuffix(" or null")](value), (path, value)
+                seen.add(path)
         assert data["model"] == model
         assert data["checked_only"] == ("--check" in words)
         assert (data["scene"] is None) == (code == 2 or "--check" in words)
         if same_name in words:
             assert list(data["nuisances"]["by_record"]) == ["drop.csv"]
             assert data["hold_out"]["records"] == ["drop.csv"]
-
-
-def test_exit_codes_of_the_command(tmp_path):
-    path = write_csv(tmp_path / "drop.csv", record(scene(*YIELDS)))
-    out = ["--out", str(tmp_path / "o.toml"), "--overwrite"]
-    for words, code in (
-        ([path, *out, "--free", HEIGHT, "--exact"], 1),
-        ([path, *out], 2),
-        ([path, *out, "--free", "plate.loss_factor"], 2),
-        ([str(tmp_path / "no.csv"), "--free", RADIUS], 2),
-    ):
-        assert invoke(["fit", "aluminium-3mm", *words]).exit_code == code, words
+    assert seen == set(FIELDS)
 
 
 def test_an_option_without_use_is_refused(tmp_path):
@@ -180,12 +158,8 @@ def test_an_option_without_use_is_refused(tmp_path):
     with_scene, supposed = ["aluminium-3mm", path, "--free", RADIUS], "contact_force:80us:0.3%"
     for words, option, value, why in (
         ([*with_scene, "--check"], "--hold-out", [path], "is part of a fit"),
-        ([*with_scene, "--check"], "--out", [str(tmp_path / "o.toml")], "is part of a fit"),
         ([path, "--check"], "--exact", [], "is part of a fit"),
-        ([path, "--check"], "--picture", ["f.png"], "is part of a fit"),
         ([path, "--check"], "--expect", [supposed], "needs a scene"),
-        ([path, "--check"], "--json", [str(tmp_path / "f.json")], "needs a scene"),
-        ([path, "--check"], "--set", ["controller.law=off"], "needs a scene"),
         (with_scene, "--expect", [supposed], "supposes a record"),
     ):
         refused(f"{option}: {why}", "fit", *words, option, *value)
@@ -236,23 +210,3 @@ def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path):
     np.testing.assert_allclose(np.cov(np.log(rows).T), found.covariance, rtol=0.1, atol=1e-12)
     with pytest.raises(SceneError, match="does not hold"):
         read_uncertain(path, load(str(path), ["sphere.radius_m=0.004"]))
-
-
-@pytest.mark.full
-def test_a_sweep_over_draws_of_a_fit_has_a_case_for_each_draw_and_value(tmp_path):
-    from hertzloop.fitting.fit.reports.fitted_scene import fitted_scene
-    from hertzloop.studies.sweep.results_file import read_results
-
-    found = fitted(
-        scene("run.duration_s=1.2e-3", "controller.law=slope_threshold"), record(scene()), RADIUS
-    )
-    path, results = tmp_path / "rig.toml", tmp_path / "rig.parquet"
-    path.write_text(fitted_scene(found, "rig"))
-    words = ["sweep", str(path), "--over", "controller.latency_us=0,2", "--uncertain", str(path),
-             "--cases", "3", "--workers", "1", "--out", str(results)]  # fmt: skip
-    ended = invoke(words)
-    assert ended.exit_code == 0, ended.output
-    assert "median (2.5 to 97.5 %)" in ended.output
-    rows, _ = read_results(results)
-    assert len({row[RADIUS] for row in rows}) == 3
-    assert len(rows) == 6

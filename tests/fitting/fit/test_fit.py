@@ -74,17 +74,6 @@ def test_noise_does_not_make_an_elastic_contact_yield():
         assert estimate.high is None, seed
 
 
-@pytest.mark.full
-def test_steps_of_a_converter_above_the_noise_do_not_refuse_the_right_class():
-    """The baseline rests on one level, away from the offset; the contact shows all of the noise."""
-    seen = truth(scene(), "contact_force", 70e-6)
-    step = 2.5 / 2**8
-    spoilt = Spoilt(noise=0.25 * step, bits=8, offset=0.45 * step)
-    found = [fitted(scene(), measured(seen, spoilt, seed), RADIUS) for seed in range(20)]
-    assert sum(one.estimates[0].low < 0.003 < one.estimates[0].high for one in found) >= 17
-    assert sum(one.model is ModelVerdict.FITS for one in found) >= 18
-
-
 @pytest.mark.parametrize(
     "keys",
     [
@@ -162,15 +151,6 @@ def test_a_prior_that_is_wrong_is_reported_as_pulled():
     assert found.model is ModelVerdict.DOES_NOT_FIT
 
 
-@pytest.mark.full
-def test_a_clock_that_is_off_does_not_move_the_thickness_out_of_its_interval():
-    one = record(scene(*YIELDS), "v_p", 3e-3, clock_ppm=40.0)
-    found = fitted(scene(*YIELDS), one, THICKNESS)
-    assert_holds(found, 0.003)
-    # A thickness 1e-4 off is as good as a clock of 50 ppm, which the prior allows.
-    assert found.estimates[0].half_width_percent == pytest.approx(0.01, rel=0.3)
-
-
 def test_several_records_share_the_keys():
     low, high = scene(*YIELDS), scene(*YIELDS, f"{HEIGHT}=0.1")
     table = Measurement(quantity="contact_force", set={HEIGHT: 0.1})
@@ -235,8 +215,6 @@ def test_a_second_impact_is_part_of_the_simulation():
     ("point", "duration_s", "chain", "start_s"),
     [
         ((0.3, 0.27), 5e-4, {}, 0.0),
-        # 13 cm away the wave comes when the contact is over, and grows long after.
-        pytest.param((0.38, 0.26), 1e-3, {"low_pass_hz": 1e5}, 3e-3, marks=pytest.mark.full),
     ],
 )
 def test_a_plate_is_fitted_by_its_motion_beside_the_contact(point, duration_s, chain, start_s):
@@ -251,17 +229,6 @@ def test_a_plate_is_fitted_by_its_motion_beside_the_contact(point, duration_s, c
     found = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS)
     assert_holds(found, 0.003)
     assert found.nuisances[0].time_shift_s == pytest.approx(start_s, abs=1e-7)
-
-
-@pytest.mark.full
-def test_poissons_ratio_of_a_plate_with_other_edges_is_found():
-    """It changes the shapes of the modes."""
-    setup = scene("plate.edges=ccff")
-    one = record(setup, "v_p", 8e-4, noise=1e-3)
-    start = scene("plate.edges=ccff", "plate.thickness_m=0.0031")
-    found = fitted(start, one, THICKNESS, "plate.material.poisson")
-    values = [estimate.value for estimate in found.estimates]
-    assert values == [pytest.approx(0.003, rel=0.02), pytest.approx(0.34, rel=0.02)]
 
 
 @pytest.mark.full

@@ -31,7 +31,6 @@ def test_free_keys_are_read_from_their_text():
         setup,
         (
             ("plate.size_m", "one positive number"),
-            ("plate.thicknes_m", "Did you mean plate.thickness_m"),
             (PRESSURE, "does not yield"),
             ("contact.restitution", "no effect with contact.damping = 'none'.*'hunt_crossley'"),
             ("controller.latency_us", "law is off.*without control.*--set controller.law"),
@@ -39,12 +38,8 @@ def test_free_keys_are_read_from_their_text():
             ("run.duration_s", "choice of the simulation"),
             ("sensors.noise_rms", "low_pass_hz"),
             ("sphere.radius_m=2:1", "rise"),
-            ("sphere.radius_m=a:b", "not a range"),
-            ("sphere.radius_m±x", "not a prior"),
-            ("=1:2", "names no key"),
             ("sphere.radius_m=1e-7:0.01", "sphere.radius_m = 1e-07: must be at least 1e-0?5"),
             ("plate.loss_factor=0.1:2", "plate.loss_factor = 2.*at most 1"),
-            ("sphere.material.density_kg_m3=1e-3:9000", "density_kg_m3 = 0.001: must be 1 to 1e5"),
         ),
     )
 
@@ -61,9 +56,7 @@ def test_free_keys_of_a_law_are_read_from_their_text():
         (
             (f"{LATENCY}±1", "has no prior"),
             ("controller.jitter_us", "one run cannot tell"),
-            ("controller.clock_phase", "one run cannot tell"),
             ("controller.v_thr_m_s", "one positive number"),
-            ("controller.law", "one positive"),
             ("controller.kapa", "Did you mean controller.kappa"),
             ("actuator.stuck_from_s", "of the actuator only"),
         ),

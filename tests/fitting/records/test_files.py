@@ -54,20 +54,14 @@ def test_text_tables_are_read(tmp_path, text, given):
     [
         (table("time_s,contact_force"), {}, r"it may be in N or in kN\. Give record\.unit"),
         (table("time,force_n"), {}, r"it may be in s or in ms\. Give record\.time_unit"),
-        (table("time_s,force_MN"), {}, "no column is a known quantity"),
         (table("time_s,force [MN]"), {}, r"is in 'MN', which is not one of N, kN"),
         (table("time_s,force_kn"), {"unit": "N"}, r"'N': the column 'force_kn' .* says 'kN'"),
-        (table("time_s,force_n"), {"time_unit": "ms"}, "'time_s' .* says 's'"),
-        (table("time_s,v_p_mm"), {}, r"is in 'mm', which is not one of m/s, mm/s"),
         (table("time_s,force_v"), {}, r"is in 'V', .* or record\.sensitivity"),
-        (table("time_s,force_v"), {"sensitivity": 0.01}, "in N or in kN"),
         (table("time_s;force_n", ";", ","), {}, r"decimal sign, give record\.decimal = ','"),
         (table("time_s;force_n", ";"), {"decimal": ","}, "invalid value"),
-        (table("time_s,force_n", ";", ","), {}, "decimal sign|columns"),
         (table("time_s,force_n").replace("\n", ",\n")[len("x"):], {}, "columns|name its columns"),
         (table("0,1"), {}, "does not name its columns"),
         ("sep=;\n" + table("time_s;force_n", ";"), {}, r"hertzloop\.Record\(\"drop\.csv\""),
-        ("Time,Force\n" + table("(s),(N)"), {}, r"numpy\.loadtxt\(\"drop\.csv\""),
         (table("time_s,force_n").replace("\n", "\n\n", 3), {}, "an empty line between"),
         (table("time_s,force_n"), {"rate_hz": 2e6}, "has times in the column 'time_s'"),
         (table("a_n,force_n"), {}, "0 columns are times"),
@@ -114,7 +108,6 @@ def test_array_files_hold_records(tmp_path):
     [
         ("a.tdms", b"TDSm", r"'\.tdms' is not a known format.*hertzloop\.Record of arrays"),
         ("a.npz", b"anything", r"a\.npz: cannot be read as npz"),
-        ("a.parquet", b"anything", "cannot be read as parquet"),
         ("a.csv", b"time_s,force_n\n0,\xf6\n", "is not in UTF-8"),
         ("a.csv", b"", "has no rows"),
     ],
@@ -180,7 +173,7 @@ def test_recordings_of_runs_are_records(tmp_path):
         fitted(scene(), under, RADIUS)
 
 
-@pytest.mark.parametrize(("first", "last"), [(0, 0), (2, 2), (2, 99), (0, 99)])
+@pytest.mark.parametrize(("first", "last"), [(0, 0), (2, 2), (2, 99)])
 def test_a_damaged_recording_gives_the_samples_before_its_first_gap(tmp_path, first, last):
     whole = record(tmp_path / "a.mcap")
     sizes = [m.header.first_step for m in messages(whole) if m.stream == "daq"]
