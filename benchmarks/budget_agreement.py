@@ -9,11 +9,12 @@ import typer
 from benchmarks.latency import LAWS, law_values
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import JsonOption, SceneArgument, SetOption
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, variants
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, all_met, parse_goal
 from hertzloop.studies.budget.limit_search import limit_of

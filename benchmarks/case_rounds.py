@@ -10,9 +10,9 @@ import random
 import sys
 import time
 
+from benchmarks.scenes import load
 from hertzloop.__main__ import collect_rarely
 from hertzloop.loop.simulate import IN_LOOP
-from hertzloop.scene.setup import load
 from hertzloop.studies.cases.axis import axes_from
 from hertzloop.studies.cases.design import DesignKind, design_of
 from hertzloop.studies.cases.evaluate import chunked, run_cases

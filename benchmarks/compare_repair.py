@@ -24,13 +24,13 @@ from mcap.writer import Writer
 
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import JsonOption
 from hertzloop.common.optional_dependencies import need
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.scene.setup import load
 
 _SEED, _HEAD = 1, 9  # of the damages; bytes before the content of a record
 _CUTS = (0.1, 0.9)  # of the length of a file: where it is cut off

@@ -10,10 +10,11 @@ import numpy as np
 
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import JsonOption
 from hertzloop.cli.prepare import compile_first
 from hertzloop.common.optional_dependencies import need
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.axis import fitted
 from hertzloop.studies.cases.evaluate import Pool
 from hertzloop.studies.cases.pool import local_pool

@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks import integrator_kernels as ik
 from benchmarks.program import OutDirOption, QuickOption, start
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from benchmarks.timing import Cost, in_turn, timed
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback, reserved_ports
@@ -19,7 +20,6 @@ from hertzloop.cli.options import JsonOption
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.collocation import CollocationPlant
 from hertzloop.plant.state_kernels import FLIGHT_X
-from hertzloop.scene.setup import load
 
 ROUNDS = 9
 _STEPS, _TRIPS = 600, 400

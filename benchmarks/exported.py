@@ -15,6 +15,7 @@ import numpy as np
 
 from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from benchmarks.timing import in_turn
 from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail
@@ -24,7 +25,6 @@ from hertzloop.interop.image import image
 from hertzloop.interop.objects import CompileFault
 from hertzloop.loop.simulate import SimulatedRun, simulate
 from hertzloop.plant.time_series import F_A, F_C, V_P, XI, XI_P, XI_S
-from hertzloop.scene.setup import load
 
 
 @dataclass(frozen=True)

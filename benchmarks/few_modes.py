@@ -22,6 +22,7 @@ from benchmarks.program import (
     tracked,
 )
 from benchmarks.results import Columns, results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import JsonOption
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
@@ -29,7 +30,7 @@ from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.results.scene_modes import modes_of_scene
 from hertzloop.scene import model_error
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 
 _TRUNCATED = "infinite plate"
 _SPARSE = 0.5  # of the frequency that a contact reaches, up to which modes are drawn

@@ -17,6 +17,7 @@ from pydantic import TypeAdapter
 from benchmarks import synthetic_fits
 from benchmarks.program import OutDirOption, QuickOption, share, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from benchmarks.synthetic_fits import (
     ExactOption,
     OnlyOption,
@@ -35,7 +36,7 @@ from hertzloop.fitting.fit.keys.free_key_option import parse_free_key, start_val
 from hertzloop.fitting.fit.results import FitResult
 from hertzloop.fitting.fit.simulation.measuring_chain import MeasuringChain
 from hertzloop.fitting.records.measurement import Measurement
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 
 _PLAIN = Spoilt()
 

@@ -15,6 +15,7 @@ import typer
 
 from benchmarks.program import OutDirOption, QuickOption, share, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from benchmarks.synthetic_fits import (
     ExactOption,
     OnlyOption,
@@ -38,7 +39,7 @@ from hertzloop.fitting.fit.simulation.observed_signal import ObservedSignal, obs
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 
 RADIUS, THICKNESS = "sphere.radius_m", "plate.thickness_m"
 STIFFNESS, HEIGHT = "contact.stiffness_factor", "sphere.drop_height_m"

@@ -8,10 +8,10 @@ import scipy
 
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import JsonOption
 from hertzloop.plant import time_series as ts
 from hertzloop.scene.build import build_plant
-from hertzloop.scene.setup import load
 
 _LAMBDAS = (0.05, 0.1, 0.25, 0.5, 1.0, 1.5)
 

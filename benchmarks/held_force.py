@@ -22,12 +22,12 @@ from benchmarks.program import (
 )
 from benchmarks.random_scenes import as_options, drawn, errors_of, first_impact_of, typed
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.cli.prepare import compile_first
 from hertzloop.cli.terminal import out
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
 from hertzloop.results.law_accuracy import simulated_law_accuracy
 from hertzloop.scene import model_error
-from hertzloop.scene.setup import load
 
 _SHORT = {"slope_threshold": "held", "constant": "switched"}
 _LAWS = tuple(_SHORT)

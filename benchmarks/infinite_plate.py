@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.program import OutDirOption, QuickOption, ScenesOption, SeedOption, start
 from benchmarks.random_scenes import drawn
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import state_kernels
@@ -24,7 +25,7 @@ from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
 from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
 from hertzloop.scene.build import build_plant
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 
 REQUESTS = (1e-2, 1e-3, 1e-4)
 _MOST_MODES = 10_000.0  # up to 1/step: keeps a scene within seconds

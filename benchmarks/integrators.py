@@ -13,9 +13,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from benchmarks import integrator_kernels as ik
+from benchmarks.scenes import load
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.scene.setup import load
 
 SAMPLE_S = 4e-6
 

@@ -16,9 +16,9 @@ import scipy
 
 from benchmarks.program import OutDirOption, QuickOption, start
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.api import linear
 from hertzloop.cli.options import JsonOption
-from hertzloop.scene.setup import load
 
 _STEPS = 20  # in a sampling period, which is the unit of time
 _GAIN = (3.0 + math.sqrt(3.0)) / (2.0 + math.sqrt(3.0))  # of the minimum-variance controller

@@ -17,6 +17,7 @@ import typer
 from benchmarks.latency_pictures import CHANGES, draw_maps
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Columns, Results, results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import JsonOption, SetOption
 from hertzloop.cli.prepare import check_law, scene_from
 from hertzloop.cli.terminal import fail
@@ -27,7 +28,7 @@ from hertzloop.results.spans import Span
 from hertzloop.results.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows

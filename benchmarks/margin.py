@@ -24,6 +24,7 @@ from benchmarks.program import (
     start,
 )
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.cli.terminal import out
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
@@ -31,7 +32,7 @@ from hertzloop.plant.state_kernels import STEP
 from hertzloop.results.stability import StabilityAccumulator
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.margin.identify import NotLinearError, law_filter

@@ -23,6 +23,7 @@ from benchmarks.program import (
 )
 from benchmarks.random_scenes import drawn
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.cli.prepare import compile_first
 from hertzloop.cli.terminal import out
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
@@ -35,7 +36,6 @@ from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.time_series import series_under
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.plate_model import NEAREST
-from hertzloop.scene.setup import load
 from hertzloop.studies.pages import pictures
 
 REQUESTS = (1e-2, 1e-3, 1e-4)

@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.model_order import material_name, random_spec
 from benchmarks.random_scenes import as_options, typed
 from benchmarks.results import Results
+from benchmarks.scenes import load
 from hertzloop.cli.terminal import out
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import (
@@ -28,7 +29,7 @@ from hertzloop.results.law_accuracy import simulated_law_accuracy
 from hertzloop.results.verification import Verification, against, finer_spec
 from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 
 REQUESTS = (1e-3, 1e-4)
 _PARTS = 4  # of a step, in the reference

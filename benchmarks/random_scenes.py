@@ -8,10 +8,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from benchmarks.program import progress
+from benchmarks.scenes import load
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.results.verification import Verification, against
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 
 Found = TypeVar("Found")
 LEAD_S = 1e-5

@@ -8,11 +8,11 @@ from tempfile import TemporaryDirectory
 
 from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import JsonOption
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.replay import as_rerun
-from hertzloop.scene.setup import load
 from hertzloop.views import replaying
 
 

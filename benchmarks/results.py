@@ -7,12 +7,12 @@ from dataclasses import asdict, astuple, fields
 from pathlib import Path
 from typing import Any
 
+from benchmarks.scenes import load
 from hertzloop.cli.outputs import check_json, make_folder, write_json
 from hertzloop.cli.prepare import compile_first
 from hertzloop.cli.terminal import fail, out
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.scene.setup import load
 from hertzloop.studies.pages.words import write_rows
 from hertzloop.views.format import Table
 

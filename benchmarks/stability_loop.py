@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.scenes import load
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import impacts_in
-from hertzloop.scene.setup import load
 
 _KAPPAS = np.linspace(0.0, 2.0, 21)
 _LATENCIES_US = np.arange(0, 61, 3)

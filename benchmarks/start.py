@@ -22,10 +22,11 @@ from benchmarks.program import (
     tracked,
 )
 from benchmarks.results import results_in
+from benchmarks.scenes import FOLDER
 from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail
 
-_SCENE = "aluminium-3mm"
+_SCENE = str(FOLDER / "aluminium-3mm.toml")
 _FEEDBACK = ["--set", "controller.law=velocity_feedback", "--set", "controller.kappa=0.1"]
 _RUNS = {
     "run, compiled": ["--transport", "compiled"],

@@ -14,6 +14,7 @@ from matplotlib.ticker import FixedLocator
 
 from benchmarks.program import OutDirOption, QuickOption, start
 from benchmarks.results import Results, results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import SceneArgument, SetOption
 from hertzloop.cli.prepare import scene_from
 from hertzloop.plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
@@ -23,7 +24,7 @@ from hertzloop.plant.estimates.plate_theory import kirchhoff_error, zener_impact
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.pages import pictures
 
 RADII_M = (2e-4, 3e-2)

@@ -9,11 +9,12 @@ import numpy as np
 
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import XI, XI_S
 from hertzloop.results.impacts import first_impact
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 from hertzloop.studies.pages import pictures
 from hertzloop.studies.pages.pictures import look
 

@@ -19,6 +19,7 @@ from pydantic import BaseModel, FiniteFloat, PositiveInt, ValidationError
 
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Results, results_in
+from benchmarks.scenes import load
 from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail, out
 from hertzloop.controller.laws.precomputed import SHAPES
@@ -27,7 +28,7 @@ from hertzloop.plant.metrics.noise import ImpactNoise, holmes_j, peak_pressure_p
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.impacts import first_impact
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.setup import Setup
 
 # Figures in the order of the tables, and how they compare two impacts.
 Compare = Callable[[ImpactNoise, ImpactNoise], float]

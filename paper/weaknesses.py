@@ -15,6 +15,7 @@ from matplotlib.patches import Patch
 
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import load
 from benchmarks.schemes import discrete_gradient_kernels
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from hertzloop.loop.simulate import simulate
@@ -27,7 +28,6 @@ from hertzloop.plant.state_kernels import (
 )
 from hertzloop.plant.time_series import F_C
 from hertzloop.results.impacts import first_impact
-from hertzloop.scene.setup import load
 from hertzloop.studies.pages import pictures
 
 _LAW = "controller.law=slope_threshold"

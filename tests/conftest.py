@@ -18,6 +18,11 @@ import pytest
 from hypothesis import settings
 
 from hertzloop.__main__ import collect_rarely
+from hertzloop.scene import loading
+from tests import elastic_scenes
+
+# Before a command line is imported, whose modules take the function by its name.
+elastic_scenes.pytest_configure()
 
 # The first call of a kernel may compile it: no example has to meet a time.
 settings.register_profile("no clock", deadline=None)
@@ -64,7 +69,7 @@ def pytest_configure(config: pytest.Config) -> None:
 # of an impact, comes last in the second: the first has done it by then.
 _COMPILE = (
     """
-ensure_compiled(load(DEFAULT, ["run.plate_model=modal"]))
+ensure_compiled(load(DEFAULT, ["contact.plasticity=none"]))
 """,
     """
 infinite = load(DEFAULT, ["run.plate_model=infinite", "run.duration_s=0.0015"])
@@ -147,6 +152,12 @@ def _alone(name: str) -> Iterator[None]:
     with (cache_folder() / name).open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+
+
+@pytest.fixture
+def shipped_scenes(monkeypatch):
+    """The shipped scenes as they are, not the elastic copies of most tests."""
+    monkeypatch.setattr(loading, "shipped_text", elastic_scenes.as_shipped)
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,8 @@ from hertzloop.views.digits import change_text
 from tests.commands import succeed
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
-EARLY = {"controller.v_thr_m_s": -0.6}
+EARLY = {"controller.v_thr_m_s": -0.9}
+pytestmark = pytest.mark.usefixtures("shipped_scenes")
 
 
 def change_of(scene: str, keys: dict[str, object]) -> str:
@@ -28,9 +29,9 @@ def change_of(scene: str, keys: dict[str, object]) -> str:
         ("aluminium-20mm", {}, "| `aluminium-20mm` | -0.25 | 0 | {} |"),
         ("aluminium-20mm", {"controller.latency_us": 30}, "| `aluminium-20mm` | -0.25 | 30 | {} |"),
         ("aluminium-3mm", {}, "| `aluminium-3mm` | -0.25 | 0 | {} |"),
-        ("aluminium-3mm", EARLY, "| `aluminium-3mm` | -0.6 | 0 | {} |"),
-        ("aluminium-3mm", EARLY | {"controller.latency_us": 2}, "| -0.6 | 2 | {} |"),
-        ("aluminium-3mm", EARLY | {"controller.latency_us": 5}, "| -0.6 | 5 | {} |"),
+        ("aluminium-3mm", EARLY, "| `aluminium-3mm` | -0.9 | 0 | {} |"),
+        ("aluminium-3mm", EARLY | {"controller.latency_us": 2}, "| -0.9 | 2 | {} |"),
+        ("aluminium-3mm", EARLY | {"controller.latency_us": 5}, "| -0.9 | 5 | {} |"),
     ],
 )
 def test_the_table_of_the_first_run(scene, keys, row):

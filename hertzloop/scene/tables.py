@@ -199,7 +199,7 @@ class ContactTable(SceneTable):
     """time constant of relaxation damping"""
     relaxation_solve: Literal["published", "bracketed"] = "bracketed"
     """solver of relaxation damping: the published iteration or a bracketed one"""
-    plasticity: Literal["none", "thornton", "auto"] = "none"
+    plasticity: Literal["none", "thornton", "auto"] = "auto"
     """plasticity of the contact: none, or the model of Thornton; "auto": Thornton where the first
     impact would pass first yield"""
     limiting_pressure_pa: Annotated[float, Field(ge=1e3, le=1e13)] | None = None

@@ -9,6 +9,8 @@ from hertzloop.scene.errors import shown
 _INSTEAD = {
     ("sphere", "speed_m_s"): "drop_height_m",
     ("sphere", "drop_height_m"): "speed_m_s",
+    ("plate", "modes"): "loss_factor",  # a file of modes has those of its modes
+    ("plate", "material.loss_factor"): "loss_factor",
 }
 _ANY = object()  # any value but None
 # By table and key: the key of the same table that decides, and its value or values. The keys of

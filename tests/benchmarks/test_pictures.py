@@ -7,6 +7,7 @@ import pytest
 from benchmarks import pictures as drawn
 from tests.benchmarks.programs import called, said
 
+pytestmark = pytest.mark.usefixtures("shipped_scenes")
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 

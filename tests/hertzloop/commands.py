@@ -14,6 +14,7 @@ from typing import IO
 import psutil
 
 from hertzloop.bus.streams import ROLES
+from tests.elastic_scenes import with_elastic_scenes
 from tests.ports import free_ports
 
 HERTZLOOP = [sys.executable, "-m", "hertzloop"]
@@ -24,8 +25,9 @@ EVENTUALLY_S = 120.0  # for what has to happen: generous, other processes may ke
 
 
 def hertzloop(*words: str, code: int = 0, **more: object) -> subprocess.CompletedProcess:
-    """Run a command to its end, which must have an exit code."""
-    done = python("-m", "hertzloop", *words, code=code, **more)
+    """Run a command to its end, which must have an exit code. A shipped scene is its elastic
+    copy."""
+    done = python("-m", "hertzloop", *with_elastic_scenes(words), code=code, **more)
     assert "Traceback" not in done.stderr
     return done
 
@@ -44,8 +46,9 @@ def python(*words: object, code: int = 0, **more: object) -> subprocess.Complete
 
 
 def start(*words: str, **more: object) -> subprocess.Popen:
-    """Start a command, which shows where it is when it is aborted."""
-    command = [sys.executable, "-X", "faulthandler", *HERTZLOOP[1:], *words]
+    """Start a command, which shows where it is when it is aborted. A shipped scene is its elastic
+    copy."""
+    command = [sys.executable, "-X", "faulthandler", *HERTZLOOP[1:], *with_elastic_scenes(words)]
     return subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **more
     )

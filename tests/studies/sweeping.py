@@ -7,14 +7,16 @@ from collections.abc import Callable
 from typing import Any
 
 from hertzloop.studies.sweep.request import SweepRequest
+from tests.elastic_scenes import with_elastic_scenes
 
 COARSE = ["run.accuracy=0.05"]
 ONE_WORKER = SweepRequest(workers=1)
 
 
 def command(*words: str) -> list[str]:
-    """The words that start a command in a process of its own."""
-    return [sys.executable, "-m", "hertzloop", *words]
+    """The words that start a command in a process of its own; a shipped scene is its elastic
+    copy."""
+    return [sys.executable, "-m", "hertzloop", *with_elastic_scenes(words)]
 
 
 def wait_until(look: Callable[[], bool], process: subprocess.Popen[Any]) -> None:

@@ -42,9 +42,12 @@ def real_plant(setup: Setup) -> tuple[Setup, tuple[str, ...]]:
 
 
 def _is_ideal(setup: Setup, key: str) -> bool:
-    """Whether a scene leaves a key as it is by default: what it says otherwise stays."""
+    """Whether a scene leaves a key as it is by default, or says that the contact is elastic: what
+    it says otherwise stays."""
     table, _, name = key.partition(".")
     given = getattr(setup.scene, table)
+    if key == "contact.plasticity":
+        return setup.scene.contact.plasticity != "thornton"
     if key == "actuator.damping":
         return setup.scene.actuator.bandwidth_hz is None
     return bool(getattr(given, name) == type(given).model_fields[name].default)

@@ -272,4 +272,4 @@ def test_the_notebook_runs(tmp_path):
         for output in cell.get("outputs", ())
         if output.output_type == "stream"
     ]
-    assert "plate energy -1.49 dB\n" in printed
+    assert "plate energy -2.10 dB\n" in printed

@@ -52,7 +52,7 @@ def test_it_refuses_what_no_step_can_be(tmp_path):
         plant.step(0.0)
 
 
-def test_the_example_is_the_loop_of_a_run(capsys):
+def test_the_example_is_the_loop_of_a_run(shipped_scenes, capsys):
     example = runpy.run_path(str(EXAMPLES / "the_loop.py"))
     run = hertzloop.simulate(example["scene"])
     assert np.array(example["samples"][:-1]).tobytes() == run.samples.values.tobytes()

@@ -14,6 +14,7 @@ from hertzloop.certificates import CertificateAuthority, in_base64
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from tests.commands import as_options
+from tests.elastic_scenes import with_elastic_scenes
 from tests.hertzloop.commands import (
     EVENTUALLY_S,
     finish,
@@ -72,7 +73,7 @@ def begin(
 def node(hosts: Network, role: str, config: Path, *words: str) -> subprocess.Popen:
     """Start a role on its host."""
     command = ["-m", "hertzloop", "node", role, "--zenoh-config", str(config)]
-    return hosts.start(role, *command, *words)
+    return hosts.start(role, *command, *with_elastic_scenes(words))
 
 
 def end_all(processes: dict[str, subprocess.Popen]) -> dict[str, tuple[int, str]]:

@@ -47,3 +47,21 @@ def test_a_slow_impact_on_a_hard_plate_is_decided_by_its_pressure():
 def test_the_published_scenes_are_elastic_and_say_so():
     for name in ("thesis-aluminium", "thesis-oak", "thesis-sylomer"):
         assert load(name).scene.contact.plasticity == "none"
+
+
+def test_a_shipped_scene_takes_losses_that_a_setting_gives(shipped_scenes, tmp_path):
+    """The loss factor of the mounted plate makes way."""
+    assert aluminium_3mm().scene.plate.loss_factor == 0.02
+    of_material = aluminium_3mm("plate.material.loss_factor=0.003").scene.plate
+    assert (of_material.loss_factor, of_material.material.loss_factor) == (None, 0.003)
+    file = tmp_path / "modes.csv"
+    file.write_text("frequency_hz,loss_factor,modal_mass_kg,shape_contact\n100,0.01,1,1\n")
+    modes = aluminium_3mm(f"plate.modes={file}", "plate.residual_flexibility_m_n=1e-8")
+    assert modes.scene.plate.loss_factor is None
+
+
+def test_shipped_plates_of_aluminium_yield(shipped_scenes):
+    for name in ("aluminium-20mm", "aluminium-3mm", "offcentre-6mm"):
+        assert load(name).contact.limit is not None
+    for name in ("oak-20mm", "sylomer-20mm"):
+        assert "holds the loss" in load(name).mechanics.why_elastic

@@ -89,6 +89,9 @@ def test_requirements_that_cannot_be_read_are_refused(tmp_path, text, word):
         read_requirements(path)
 
 
+ELASTIC = ["-p", "tests.elastic_scenes"]
+
+
 def _python(*words, folder):
     plugins = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     plugins.pop("PYTEST_XDIST_WORKER", None)
@@ -111,7 +114,7 @@ def test_rows_are_tests_of_pytest(requirements):
         "    found = hertzloop_run('aluminium-3mm', 'force_feedback', changes)\n"
         "    assert found.plate_energy_db < -9\n"
     )
-    words = ["-p", "hertzloop.pytest_plugin", "-q", "--junitxml", "report.xml"]
+    words = [*ELASTIC, "-p", "hertzloop.pytest_plugin", "-q", "--junitxml", "report.xml"]
     ran = _python("pytest", *words, folder=requirements.parent)
     assert "1 failed, 2 passed" in ran.stdout, ran.stdout + ran.stderr
     suite = ET.parse(requirements.with_name("report.xml")).getroot()[0]
@@ -135,7 +138,8 @@ def test_pytest_names_an_instability_that_no_run_shows(requirements):
     quiet, coarse = (UNSTABLE_ROW.format(name) for name in ("quiet", "coarse"))
     head = '[hertzloop]\nlaw = "velocity_feedback"\n'
     requirements.write_text(f"{head}{quiet}{coarse}limit = {{ bits = 12 }}\n")
-    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=requirements.parent)
+    words = [*ELASTIC, "-p", "hertzloop.pytest_plugin", "-q"]
+    ran = _python("pytest", *words, folder=requirements.parent)
     assert "1 failed, 1 passed, 1 warning" in ran.stdout, ran.stdout + ran.stderr
     assert "bits: tolerated none (unstable loop), required 12" in ran.stdout
     assert "PytestWarning: quiet: the linear loop is unstable (grows" in ran.stdout
