@@ -1,12 +1,9 @@
 """The automatic choice of modes on whole random scenes: damper, yield, with and without a law."""
 
-import numpy as np
 import pytest
 
 from benchmarks import model_order_closed_loop as closed_loop
-from benchmarks.model_order import random_spec
 from benchmarks.random_scenes import drawn
-from hertzloop.scene.setup import load
 
 
 @pytest.mark.full
@@ -18,12 +15,3 @@ def test_requests_are_met_by_whole_scenes():
     free = [o for o in found if not o.said]
     assert sum(o.error <= o.request for o in free) >= 0.9 * len(free)
     assert all(o.gap <= o.request and o.rebound <= o.request for o in free)
-
-
-def test_a_scene_can_be_run_again_from_its_keys():
-    random = np.random.default_rng(2)
-    for _ in range(5):
-        keys = closed_loop.random_keys(random)
-        scene = load("aluminium-3mm", [f"{key}={value}" for key, value in keys.items()])
-        assert scene.sphere.radius_m == keys["sphere.radius_m"]
-    assert random_spec(random).sphere.radius_m > 0.0

@@ -46,9 +46,3 @@ def test_a_run_for_a_picture_that_fails_says_why(tmp_path, monkeypatch):
     assert result.exit_code == 1
     assert "the paced run failed: error: " in said(result)
     assert "controller.kappa" in said(result)
-
-
-def test_an_unknown_picture_is_the_users_mistake(tmp_path):
-    result = called(drawn.main, "--only", "none", "-o", str(tmp_path))
-    assert result.exit_code == 2
-    assert "--only = none: unknown picture" in said(result)

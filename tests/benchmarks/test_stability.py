@@ -1,17 +1,10 @@
 """Where methods fail: predicted limits, and the energy-keeping schemes that have none."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
-from benchmarks import integrator_kernels as ik
 from benchmarks import stability_limits as limits
 from benchmarks import stability_maps as maps
-from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from benchmarks.stability_loop import loop_map
-from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.collocation import CollocationPlant
 
 BALANCED = ("modal", "discrete_gradient")
 
@@ -44,35 +37,6 @@ def test_energy_residual_at_steps_far_too_large(name):
         assert one.evaluations < 120, one
 
 
-def shaken_error(make: type[Plant], step_s: float) -> float:
-    """Gap over 0.4 ms on a shaken plate against Runge-Kutta at a quarter of the step, over the
-    largest gap."""
-    spec = replace(maps.few_modes("aluminium-20mm").spec, step_s=step_s)
-    speed, steps = 3.0, round(4e-4 / step_s)
-    what, plant = maps.problem_of(spec), make(spec)
-    energy_j = maps.shake(plant, speed)
-    gaps, expected = np.empty(steps), np.empty(4 * steps)
-    ik.plant_gaps(plant.model, plant.state, 1, gaps)
-    y = what.start()
-    at_rest_j = float(ik.energy(y, *what.arguments))
-    modes = len(what.omega2)
-    y[modes : modes + 10] = speed / 10
-    assert energy_j == pytest.approx(float(ik.energy(y, *what.arguments)) - at_rest_j, rel=1e-12)
-    ik.rk4(y, *what.arguments, step_s / 4, 4 * steps, 1, expected)
-    return float(np.abs(gaps - expected[3::4]).max() / np.abs(gaps).max())
-
-
-@pytest.mark.full
-def test_a_shaken_plate_moves_as_the_textbook_integrator_moves_it():
-    assert shaken_error(CollocationPlant, 2.5e-7) < 1e-7
-    coarse, fine = (
-        shaken_error(DiscreteGradientPlant, 5e-7),
-        shaken_error(DiscreteGradientPlant, 2.5e-7),
-    )
-    assert fine < 2e-3
-    assert coarse / fine == pytest.approx(4.0, rel=0.1)  # of second order
-
-
 @pytest.mark.full
 def test_a_shaken_plate_is_struck_more_than_once():
     mine = [one for one in maps.shaken_map() if one.scheme == "modal" and one.where >= 1.0]
@@ -97,12 +61,3 @@ def test_late_actuator_feeds_energy_in():
     assert found[2.0, 30.0].injected > 1.0  # more than the impact brought
     fed = [found[round(kappa, 2), 30.0].injected for kappa in (0.5, 1.0, 1.5, 2.0)]
     assert fed == sorted(fed)
-
-
-def test_a_quick_map_holds_points_of_the_whole_one():
-    whole, some = list(limits.growth()), list(limits.growth(5))
-    assert set(some) < set(whole)
-    assert {scheme for scheme, *_ in some} == set(limits.TEXTBOOK)
-    found = maps.stiffness_map(5)
-    assert len({one.where for one in found}) == 3
-    assert set(found) < set(maps.stiffness_map())
