@@ -18,8 +18,7 @@ from hertzloop.fitting.records.errors import RecordError
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup, load
-from tests.commands import invoke
-from tests.fitting.fitting import fitted, write_csv
+from tests.fitting.fitting import fitted
 
 LATENCY, KAPPA = "controller.latency_us", "controller.kappa"
 BANDWIDTH, RADIUS = "actuator.bandwidth_hz", "sphere.radius_m"
@@ -186,12 +185,3 @@ def test_a_force_that_jumps_needs_a_bandwidth():
     ):
         with pytest.raises(RecordError, match=words):
             fitted(start, [one], key)
-
-
-def test_the_command_fits_the_latency_of_a_record(tmp_path):
-    path, out = tmp_path / "r.csv", tmp_path / "fitted.toml"
-    write_csv(path, record(scene(f"{LATENCY}=6")))
-    path.with_suffix(".toml").write_text("[record]\ncontrol = true\n")
-    words = ["fit", "aluminium-3mm", "--free", f"{LATENCY}=0:12"]
-    assert invoke([*words, str(path), "--out", str(out)]).exit_code == 0
-    assert load(str(out)).latency_us == pytest.approx(6.0, abs=1.0)

@@ -95,9 +95,7 @@ def test_intervals_of_a_wrong_class_hold_the_truth():
     [wrong] = exact.estimates
     assert wrong.verdict is KeyVerdict.AT_BOUND
     assert wrong.high < 0.04
-    said = sentences(free)
-    assert any(s.startswith("synthetic: good to ") and "in the pulse" in s for s in said)
-    assert any(s.startswith("The model is not exact.") for s in said)
+    assert any(s.startswith("The model is not exact.") for s in sentences(free))
     assert not any(s.startswith("The model is not exact.") for s in sentences(exact))
 
 

@@ -16,9 +16,8 @@ from hertzloop.fitting.fit.simulation.measuring_chain import MeasuringChain
 from hertzloop.fitting.fit.simulation.observed_signal import observe
 from hertzloop.fitting.fit.uncertainty.intervals import estimate_from_covariance
 from hertzloop.fitting.fit.verdicts import KeyVerdict, ModelVerdict
-from hertzloop.fitting.records.errors import RecordError
 from hertzloop.fitting.records.measurement import Measurement
-from hertzloop.fitting.records.reading import read_record, read_records
+from hertzloop.fitting.records.reading import read_records
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import load
 from tests.commands import invoke
@@ -33,20 +32,6 @@ from tests.fitting.fitting import (
     record,
     scene,
 )
-
-
-def test_intervals_hold_the_truth_and_the_model_fits():
-    one = record(scene(*YIELDS), gain=1.01, offset=0.02)
-    found = fitted(scene(YIELDS[0], f"{PRESSURE}=1.1e9"), one, PRESSURE, HEIGHT)
-    assert_holds(found, 8e8, 0.05)
-    for estimate, widest in zip(found.estimates, (1.0, 5.0), strict=True):
-        assert estimate.half_width_percent < widest
-        assert estimate.verdict is KeyVerdict.IDENTIFIED
-    assert found.model is ModelVerdict.FITS
-    assert found.residual_over_noise == pytest.approx(1.0, abs=0.15)
-    [nuisance] = found.nuisances
-    assert nuisance.gain == pytest.approx(1.01, abs=0.03)
-    assert nuisance.offset == pytest.approx(0.02 * 60.0, rel=0.2)
 
 
 def test_a_wrong_class_of_models_is_flagged():
@@ -115,9 +100,6 @@ def test_every_key_that_a_record_cannot_tell_is_named():
     ]
     said = sentences(found)
     assert "Not identifiable from these records: plate.loss_factor; plate.thickness_m." in said
-    assert any(s.startswith(f"{THICKNESS}: ") and "other keys are known" in s for s in said)
-    assert any(s.startswith("plate.loss_factor: ") and "no useful bound" in s for s in said)
-    assert not any(s.startswith(PRESSURE) for s in said)
 
 
 @pytest.mark.parametrize("sd", [0.12, 0.13, 0.135, 0.14, 0.15, 0.16])
@@ -166,7 +148,7 @@ def test_several_records_share_the_keys():
 def test_channels_of_one_file_are_fitted_together(tmp_path):
     """Force in kN and velocity in mm/s, each with its own gain and noise, share keys and touch."""
     setup = scene()
-    parts = [record(setup, gain=1.02), record(setup, "v_p", noise=0.01)]
+    parts = [record(setup, gain=1.02, offset=0.02), record(setup, "v_p", noise=0.01)]
     columns = [parts[0].time_s, 1e-3 * parts[0].value, 1e3 * parts[1].value]
     drop = tmp_path / "drop.csv"
     header = "time_s,one [kN],two [mm/s]"
@@ -175,13 +157,12 @@ def test_channels_of_one_file_are_fitted_together(tmp_path):
     text = "\n".join(f"[[record]]\n{table}\n" for table in tables)
     drop.with_suffix(".toml").write_text(text)
     several = read_records(drop)
-    with pytest.raises(RecordError, match="holds 2 records"):
-        read_record(drop)
     found = fitted(setup, several, RADIUS)
     assert found.model is ModelVerdict.FITS
     one, other = found.nuisances
     assert [one.record, other.record] == ["drop.csv, contact_force", "drop.csv, v_p"]
     assert one.time_shift_s == other.time_shift_s
+    assert one.offset == pytest.approx(0.02 * np.max(parts[0].value), rel=0.2)
     assert (one.gain, other.gain) == (pytest.approx(1.02, abs=0.01), pytest.approx(1, abs=0.01))
     shows = invoke(["fit", "--check", str(drop)])
     assert shows.output.count(f"{len(several[0].value)} samples") == 2
@@ -211,37 +192,19 @@ def test_a_second_impact_is_part_of_the_simulation():
     assert fitted(setup, one, THICKNESS).estimates[0].value == pytest.approx(0.003, rel=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("point", "duration_s", "chain", "start_s"),
-    [
-        ((0.3, 0.27), 5e-4, {}, 0.0),
-    ],
-)
-def test_a_plate_is_fitted_by_its_motion_beside_the_contact(point, duration_s, chain, start_s):
+def test_a_plate_is_fitted_by_its_motion_beside_the_contact():
+    point, duration_s = (0.3, 0.27), 5e-4
     simulator = ImpactSimulator(scene(), duration_s, 1e-4, point, step_ns=125)
     tau = np.arange(-2.5e-4, duration_s - 1e-5, 1e-6)
-    value = observe(simulator.run({}, duration_s), "v_p", MeasuringChain(**chain), True).value(tau)
+    value = observe(simulator.run({}, duration_s), "v_p", MeasuringChain(), True).value(tau)
     # Waves of 200 kHz run 54 mm in about 20 us: nothing moves there at once.
     early = (tau > 0.0) & (tau < 8e-6)
     assert np.max(np.abs(value[early])) < 0.05 * np.max(np.abs(value))
     noise = 0.003 * np.max(np.abs(value)) * np.random.default_rng(1).standard_normal(len(tau))
-    one = Record("beside", tau + start_s, value + noise, "v_p", {"point_m": point, **chain})
+    one = Record("beside", tau, value + noise, "v_p", {"point_m": point})
     found = fitted(scene("plate.thickness_m=0.0032"), one, THICKNESS)
     assert_holds(found, 0.003)
-    assert found.nuisances[0].time_shift_s == pytest.approx(start_s, abs=1e-7)
-
-
-@pytest.mark.full
-def test_the_records_of_the_tutorial_give_the_true_values():
-    from docs.examples.bench_records import EXAMPLES, TRUE
-
-    setup = load(str(EXAMPLES / "bench.toml"))
-    names = ("bench-force", "bench-velocity", "bench-force-higher")
-    *records, held = (read_record(EXAMPLES / f"{name}.csv") for name in names)
-    found = fit(setup, records, [parse_free_key(setup, key) for key in TRUE], [held])
-    assert found.model is ModelVerdict.FITS
-    assert found.hold_out["residual_over_noise"] < 1.2
-    assert_holds(found, *(TRUE[estimate.key] for estimate in found.estimates))
+    assert found.nuisances[0].time_shift_s == pytest.approx(0.0, abs=1e-7)
 
 
 def test_a_fit_says_how_far_it_is():

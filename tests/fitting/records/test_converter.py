@@ -30,3 +30,8 @@ def test_a_sensor_that_rests_at_one_end_is_clipped_at_the_other():
     measurement = parse_record_table({"range": [0.0, 10.0]}, "drop.csv")
     one = Record("r", 1e-6 * np.arange(40), value, "contact_force", measurement=measurement)
     assert list(np.flatnonzero(clipped_samples(one))) == [22, 23]
+
+
+def test_samples_at_rest_are_not_clipped_where_the_contact_takes_most_of_the_record():
+    value = np.append(np.zeros(10), 5.0 + np.sin(np.arange(30.0)))
+    assert not clipped_samples(Record("r", 1e-6 * np.arange(40), value, "contact_force")).any()
