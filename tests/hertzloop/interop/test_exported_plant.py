@@ -72,14 +72,6 @@ def test_a_program_in_c_gets_the_bytes_of_the_loop(kind, tmp_path):
     assert driven.energies["residual"] == pytest.approx(0.0, abs=1e-12)
 
 
-def test_one_bit_of_difference_is_seen(short):
-    loop = simulate(aluminium_3mm(*SHORT))
-    forces = loop.forces.copy()
-    pushed = np.flatnonzero(forces)[0]
-    forces[pushed] = np.nextafter(forces[pushed], math.inf)
-    assert not same_bytes(loop, drive(build(short), forces))
-
-
 def test_the_library_needs_libc_and_libm_only(short):
     library = short / "libhertzloop_plant.so"
     needed = subprocess.run(["ldd", library], capture_output=True, text=True, check=True).stdout

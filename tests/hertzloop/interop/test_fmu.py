@@ -1,10 +1,7 @@
 """The plant as a co-simulation unit: valid, the bytes of the compiled loop, clear about bad use."""
 
-import json
 import re
 from collections.abc import Callable
-from importlib.metadata import files
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +13,6 @@ from hertzloop.interop.image import image
 from hertzloop.interop.objects import HOST
 from hertzloop.loop.simulate import simulate
 from tests.commands import as_options, refused, succeed
-from tests.hertzloop.commands import python
 from tests.hertzloop.interop.plant_in_c import NOISY, SHORT
 from tests.hertzloop.own_laws import needs_cc
 from tests.hertzloop.scenes import aluminium_3mm
@@ -178,8 +174,6 @@ _BAD: list[tuple[Callable[[Master], Any], str, str]] = [
      "a communication step of 1.5e-06 s is asked for; it has to be a multiple of 1e-06 s"),
     (lambda m: m.step(0.0001), "error",
      "a step from 0.0001 s is asked for; the unit is at 0.0003 s"),
-    (lambda m: m.set("drop_height", 0.2), "error",
-     "drop_height can be set before the run only; reset the unit first"),
     (lambda m: m.set("gap", 1.0), "error",
      "the real variable 7 cannot be set; force_command and drop_height can"),
     (lambda m: m.unit.enterInitializationMode(), "error",
@@ -205,34 +199,6 @@ def test_a_description_of_another_unit_is_refused(path):
     assert re.fullmatch(
         r"the model description is of another unit: its token is \{none\}, not .*", log[0]
     )
-
-
-_ECOS = """
-import ctypes, json, sys
-tbb, unit, forces = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
-ctypes.CDLL(tbb, ctypes.RTLD_GLOBAL)
-from ecospy import EcosSimulation, EcosSimulationStructure
-with EcosSimulationStructure() as structure:
-    structure.add_model("plant", unit)
-    with EcosSimulation(structure=structure, step_size=1e-6) as simulation:
-        simulation.init()
-        for force in forces:
-            simulation.set_real("plant::force_command", force)
-            simulation.step(1)
-            print(repr((simulation.get_real("plant::gap"), simulation.get_real("plant::sample"))))
-"""
-
-
-@pytest.mark.skipif(not find_spec("ecospy"), reason="needs ecospy")
-def test_another_master_gets_the_same(path, master):
-    """Ecos, in C++. It looks for a library that another package brings."""
-    library = next(f for f in files("tbb") or [] if f.name == "libtbb.so.12")
-    forces = [5.0 * (step % 3) for step in range(1300)]
-    done = python("-c", _ECOS, library.locate(), path, json.dumps(forces))
-    seen = np.array([eval(line) for line in done.stdout.splitlines() if line.startswith("(")])
-    ours = master.start().run(np.array(forces), 0, "gap", "sample")
-    assert np.min(ours[:, 0]) < 0.0
-    assert seen.tobytes() == ours.tobytes()
 
 
 def test_the_command_writes_a_unit(tmp_path):

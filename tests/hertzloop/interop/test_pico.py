@@ -5,7 +5,6 @@ import re
 import pytest
 
 from hertzloop.bus.messages_pb2 import LaneOffer
-from hertzloop.bus.streams import CONTROLLER
 from hertzloop.controller.loading.registry import shipped as laws
 from hertzloop.loop.announcement import hello
 from hertzloop.plant.structures.mode_file import write_modes
@@ -15,7 +14,7 @@ from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
 from tests.hertzloop.own_laws import EXAMPLES, ROOT
-from tests.hertzloop.scenes import aluminium_3mm, recorded
+from tests.hertzloop.scenes import aluminium_3mm
 
 WIRE = (ROOT / "docs" / "reference" / "wire.md").read_text()
 ROOM = int(
@@ -58,11 +57,3 @@ def with_files(tmp_path_factory):
 def test_the_hello_of_a_scene_with_files_is_small(with_files):
     assert all(hello(setup, setup.stiffness).ByteSize() < ROOM for setup in with_files)
     assert all(len(to_toml(setup.scene)) > ROOM for setup in with_files)
-
-
-@pytest.mark.parametrize("which", [0, 1])
-def test_the_whole_scene_reaches_controller_and_recording(which, with_files, tmp_path):
-    setup = with_files[which]
-    recording = recorded(setup, tmp_path / "a.mcap", compiled=False)
-    assert recording.scene_toml == to_toml(setup.scene)
-    assert recording.ends[CONTROLLER].report.scene_toml == hello(setup, 1.0).scene_toml
