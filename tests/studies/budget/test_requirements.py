@@ -195,23 +195,3 @@ def test_both_spans_stand_in_one_table(tmp_path, monkeypatch):
     assert None not in limits
     assert limits[0] != limits[1]
     assert data["other_span_db"] == pytest.approx(-2.0, abs=0.05)
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("law", ["mine.py", "mine.c"])
-def test_a_new_law_brings_requirements_that_hold(tmp_path, law):
-    made = _python("hertzloop", "law", "new", law, "--with-check", folder=tmp_path)
-    assert made.returncode == 0, made.stderr
-    workflow = (tmp_path / "workflow.yml").read_text()
-    assert "pytest requirements.toml --junitxml requirements.xml" in workflow
-    if law == "mine.c":
-        compiled, _, checked = made.stdout.split("Next: ")[1].strip().partition(" && ")
-        assert f"- run: {compiled}\n" in workflow
-        assert checked == "hertzloop budget --check requirements.toml"
-        subprocess.run(compiled, shell=True, check=True, cwd=tmp_path)
-    ran = _python("hertzloop", "budget", "--check", "requirements.toml", folder=tmp_path)
-    assert ran.returncode == 0, ran.stdout + ran.stderr
-    assert "2 of 2 requirements hold" in ran.stdout
-    again = _python("hertzloop", "law", "new", "other.py", "--with-check", folder=tmp_path)
-    assert again.returncode == 2
-    assert "requirements.toml exists" in again.stderr

@@ -193,30 +193,6 @@ def test_sampling_and_bandwidth_end_where_the_loop_becomes_unstable(name):
         assert (growth_of(varied).unstable_poles == 0) is stable  # a second method
 
 
-@pytest.mark.full
-def test_the_command_gives_one_answer(folder):
-    words = ["budget", "aluminium-3mm", "--law", "pd.py", "--quick", "--set", SHORT, "--workers",
-             "1", "--only", "latency_us", "--only", "bits", "--json", "a.json"]  # fmt: skip
-    done = invoke(words)
-    assert done.exit_code == 0, done.output
-    said = " ".join(done.stdout.split())
-    assert "but the linear loop is unstable (grows 23.25/s at 236.96 kHz" in said
-    assert said.count("alone") == 2  # a heading beside each plant, which may be broken
-    assert "In the scene no value of latency_us, bits is tolerated" in said
-    assert "In the real plant no value of latency_us, bits is tolerated" in said
-    assert "binds first" not in said
-    data = json.loads(Path("a.json").read_text())
-    for plant in ("limits", "real_plant"):
-        for name in ("latency_us", "bits"):
-            limit = data[plant][name]
-            assert (limit["value"], limit["boundary"]) == (None, "none (unstable loop)")
-            assert limit["impact_alone"]["boundary"] in ("found", "no limit")
-        assert data[plant]["latency_us"]["impact_alone"]["value"] > 2
-    assert data["unstable"] is data["real_plant_unstable"] is True
-    assert data["real_plant_linear_margin"]["stable"] is False
-    assert data["binds_first"] is data["real_plant_binds_first"] is None
-
-
 ROWS = """
 [hertzloop]
 law = "pd.py"

@@ -121,9 +121,8 @@ def checked(loop: RandomLoop, seed: int) -> tuple[float, str, bool]:
     return margin, Search(loop, angle, seed).unstable(within), not constant.any()
 
 
-@pytest.mark.parametrize("first", default(range(0, 300, 20), quick=[0]))
-def test_no_sequence_within_the_margin_of_a_random_loop_is_unstable(first):
-    for i in range(first, first + 20):
+def test_no_sequence_within_the_margin_of_a_random_loop_is_unstable():
+    for i in range(20):
         margin, kind, constant = checked(random_loop(np.random.default_rng([7, i])), i)
         assert margin > 1.0
         assert (kind, constant) == ("", True), i

@@ -129,18 +129,11 @@ def test_the_page_says_what_the_run_said(bounces):
     assert neglected
     for sentence in (*told["verdict"], *neglected):
         assert sentence in text
-    assert "Dashed: the same without control." in text
-    assert "Faint" not in text
     second = told["impacts"][1]
     assert f"{second['rebound_speed_m_s']:.4f}" not in text  # of which one digit is predictable
     assert (
         "only predictable digits are shown: the second impact magnifies the model's error" in text
     )
-    inspected = call("inspect", bounces, "--details")
-    assert f"{second['rebound_speed_m_s']:.4f}" not in inspected.output
-    for table in (text, inspected.output):
-        assert re.search(r"about \d+0\b", table)
-        assert not re.search(r"\b\de\+\d\d", table)
     assert "slope_threshold (law)" in text
     assert read(bounces).law_source in text
 
