@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks import fit_coverage, fit_validation
+from benchmarks import fit_validation
 
 
 @pytest.mark.parametrize(
@@ -21,12 +21,3 @@ def test_the_infinite_plate_follows_zener():
     """Up to gravity, which takes about g T of the speed."""
     simulated = fit_validation.restitution_on_infinite_plate(0.25)
     assert simulated == pytest.approx(fit_validation.zener(0.25), abs=3e-4)
-
-
-@pytest.mark.full
-def test_a_right_class_is_covered_and_a_wrong_one_is_flagged():
-    right = fit_coverage.summary("force 90 us", 2)
-    wrong = fit_coverage.summary("yield fitted elastic", 2)
-    assert wrong.models == {"does not fit": 2}
-    assert wrong.told == 2
-    assert sum(right.covered.values()) >= 3

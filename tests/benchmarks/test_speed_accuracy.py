@@ -16,25 +16,6 @@ def small():
     )
 
 
-@pytest.mark.parametrize(
-    ("kernel", "order"),
-    [
-        (ik.verlet, 2),
-        (ik.rk4, 2.5),  # the contact's force has one and a half derivatives
-    ],
-)
-def test_order_of_convergence(small, kernel, order):  # type: ignore[no-untyped-def]
-    finest = integrators.kernel_run(ik.rk4, small, 3.125e-8)().gaps
-    errors = [
-        np.abs(integrators.kernel_run(kernel, small, h)().gaps - finest).max()
-        for h in (1e-6, 5e-7, 2.5e-7)
-    ]
-    orders = np.log2(np.divide(errors[:-1], errors[1:]))
-    assert orders.mean() > order - 0.3
-    if order == 2:
-        assert orders.mean() < 2.3
-
-
 def test_reference_is_dop853s(small):
     solved = integrators.dop853_run(small, 1e-10)()
     found = integrators.kernel_run(ik.rk4, small, 6.25e-8)().gaps

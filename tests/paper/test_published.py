@@ -28,18 +28,6 @@ def test_published_optima_computed_again():
     assert abs(longest.difference) < 0.3
 
 
-def test_ranks_and_ties():
-    configs = [optima.Config("F_a2", k, 1) for k in (0.2, 0.4, 0.6)]
-    published = [dict.fromkeys(tables.FIGURES, x) for x in (1.0, 2.0, 3.0)]
-    other = [dict.fromkeys(tables.FIGURES, -x) for x in (1.0, 2.0, 3.0)]
-    names = list(optima.PLANTS)
-    found = {r.figure: r for r in optima.optima(configs, {names[0]: published, names[1]: other})}
-    assert found["EAL"].best_published == "F_a2 (0.2, 1)"
-    assert (found["EAL"].best_here, found["EAL"].rank_here) == ("F_a2 (0.6, 1)", 3)
-    assert found["EAL"].rank_correlation == pytest.approx(-1.0)
-    assert found["dT"].best_published == "F_a2 (0.6, 1)"  # the longest contact
-
-
 def test_flat_reading_of_the_appendix_comes_close():
     found = {a.column: a for a in tables.agreement(table_a1.computed("flat", "thesis2008"))}
     assert found["dT"].worst <= 0.1 + 1e-9  # within a step in all rows

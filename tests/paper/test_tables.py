@@ -85,7 +85,6 @@ def test_a_contact_without_end_leaves_its_cells_empty(tmp_path):
     [
         ("kappa,v_thr_m_s\nmuch,-0.25\n", "row 1: kappa = 'much': Input should be a valid number"),
         ("kappa\n0.3\n", "row 1: needs v_thr_m_s"),
-        ("kappa,v_thr_m_s\n0.3\n", "row 1 does not have 2 cells"),
         ("kappa,v_thr_m_s,material\n0.3,-0.2,steel wool\n", "material = 'steel wool'"),
         ("kappa,shape,t_a_step\n0.3,square,1\n", "row 1: square: must be one of F_a1,"),
         (
