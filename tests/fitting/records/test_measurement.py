@@ -23,22 +23,6 @@ def test_a_wrong_value_is_refused_by_the_name_of_its_key(key, value):
         parse_record_table({key: value}, "drop.csv")
 
 
-def test_right_values_are_kept():
-    table = {
-        "bits": 12,
-        "range": [-5, 5.0],
-        "point_m": (0.1, 0.2),
-        "sensitivity": -0.01,
-        "sensitivity_uncertainty": math.inf,
-        "clock_tolerance_ppm": 0,
-        "set": {"a": 1},
-        "quantity": "v_p",
-        "column": 2,
-    }
-    found = parse_record_table(table, "drop.csv")
-    assert vars(found) | table | {"range": (-5.0, 5.0)} == vars(found)
-
-
 def test_a_record_of_arrays_is_fitted_beside_a_file(tmp_path):
     """The same drop twice: from a file, and from lists with keys of a table."""
     file, other = write_csv(tmp_path / "drop.csv", record(scene())), record(scene(), seed=9)

@@ -192,15 +192,6 @@ def test_bad_use_is_a_status_and_a_message(master, use, status, sentence):
     master.run(np.zeros(3), 300, "gap")  # and it goes on
 
 
-def test_a_description_of_another_unit_is_refused(path):
-    log: list[str] = []
-    with pytest.raises(Exception, match="Failed to instantiate"):
-        Master(path, "{none}", log)
-    assert re.fullmatch(
-        r"the model description is of another unit: its token is \{none\}, not .*", log[0]
-    )
-
-
 def test_the_command_writes_a_unit(tmp_path):
     out = tmp_path / "plant.fmu"
     words = ["export-plant", "aluminium-3mm", *as_options(SHORT), "-o", out, "--cpu", "host"]
