@@ -15,16 +15,14 @@ from hertzloop.studies.budget.goal import METRICS, GoalError, all_met, parse_goa
 from hertzloop.studies.budget.limit_search import limit_of
 from hertzloop.studies.budget.limits import Boundary, BudgetQuantity
 from hertzloop.studies.budget.plan import BudgetPlan, plan_budget
-from hertzloop.studies.budget.quantities import QUANTITIES, quantities_of
+from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.cases.evaluate import evaluate
-from hertzloop.studies.tune.plan import LAWS
 from tests.commands import invoke
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 GOAL = parse_goal("plate_energy_db <= -0.1")
-ANSWERS = (Boundary.NEVER, Boundary.IDEAL_ONLY)  # which need no value and no reason
 
 
 def row(value, state=CaseState.METRICS):
@@ -145,32 +143,6 @@ def test_a_bug_of_the_law_and_its_refusal_are_told_apart(
     limit = json.loads(Path("found.json").read_text())["limits"]["latency_us"]
     assert (limit["boundary"], limit["value"]) == (boundary, 3.0)
     assert ("ZeroDivisionError" in done.output) == (boundary == "failed")
-
-
-# The laws that hertzloop tunes; the others are made for a scene of their own.
-@pytest.mark.parametrize(
-    ("scene", "law", "names"),
-    [
-        ("aluminium-20mm", "slope_threshold", ("latency_us", "bandwidth_hz")),
-        *(pytest.param("aluminium-3mm", law, QUANTITIES, marks=pytest.mark.full) for law in LAWS),
-        # A whole search in the mat of Sylomer takes a minute.
-        pytest.param("sylomer-20mm", LAWS[0], ("latency_us",), marks=pytest.mark.full),
-    ],
-)
-def test_every_quantity_of_a_shipped_scene_has_an_answer(pool, scene, law, names):
-    # The default tier compiles one kind of plant with an actuator: one that yields.
-    default = scene == "aluminium-20mm" and names != QUANTITIES
-    yields = ["contact.plasticity=thornton", "actuator.bandwidth_hz=2e5"] if default else []
-    setup = load(scene, [f"controller.law={law}", *yields])
-    search = replace(effort_of(setup, True, "impact"), phases=(0.5,))
-    limits = side_by_side(
-        [limit_of(q, [GOAL], search) for q in quantities_of(setup) if q.name in names],
-        lambda cases: evaluate(pool, setup, "impact", cases),
-    )
-    assert [limit.quantity for limit in limits] == list(names)
-    for limit in limits:
-        assert limit.value is not None or limit.reason or limit.boundary in ANSWERS, limit
-        assert limit.boundary is not Boundary.REFUSED, limit
 
 
 def test_a_refused_quantity_has_one_reason_and_no_values():

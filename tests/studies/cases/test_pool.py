@@ -73,26 +73,6 @@ def test_nothing_of_a_pool_is_left(ends, monkeypatch):
     assert set(active_children()) == children
 
 
-@pytest.mark.full
-@pytest.mark.usefixtures("warm_kernels")
-@pytest.mark.parametrize(("workers", "cores"), [(3, 1), (None, 3)])
-def test_every_case_is_run_once_by_whichever_process(workers, cores, monkeypatch):
-    at_once(monkeypatch)
-    monkeypatch.setattr(crew, "local_cores", lambda: cores)
-    before = set(active_children())
-    for module in (crew, workers_module):
-        monkeypatch.setattr(module, "run_cases", noted)
-    with local_pool(workers) as pool:
-        for count in (16 * 40, 16 * 20 + 3):  # the second time the workers are there
-            HERE.clear()
-            rows = [row for some in pool(TOML, "impact", cases(count)) for row in some]
-            assert sorted(row["case"] for row in rows) == list(range(count))
-            assert not any(row["status"] for row in rows)
-            assert 0 < len(HERE) < count
-            assert len(set(HERE)) == len(HERE)
-            assert len(set(active_children()) - before) == 2  # and this process
-
-
 @pytest.mark.usefixtures("warm_kernels")
 def test_few_cases_start_no_process(monkeypatch):
     monkeypatch.setattr(crew, "_WORTH_S", 60.0)  # 1.5 s could be, where the machine is busy

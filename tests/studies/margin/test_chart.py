@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import scipy.signal as sg
 
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.binding import binding_mode, mode_line, mode_name
@@ -20,7 +21,7 @@ VELOCITY = ["controller.law=velocity_feedback"]
 LEAKY = ["controller.law=acceleration_feedback", "controller.kappa=0.9"]
 ROWS = "[[1.0, -1.9, 1.0, 1.0, -1.8, 0.9], [1.0, 0.5, 0.0, 1.0, 0.0, 0.0]]"
 NOTCH = ["controller.law=linear", "controller.gain=-300", f"controller.sections={ROWS}"]
-FIR = ["controller.law=linear", "controller.numerator=[0.0, -20.0, 50.0]"]
+FIR = ["controller.law=linear", f"controller.numerator={(-30.0 * sg.firwin(21, 0.05)).tolist()}"]
 CASES = {
     "oak": ("oak-20mm", [*VELOCITY, "controller.kappa=1.1"]),
     "leaky integral": ("oak-20mm", LEAKY),

@@ -9,6 +9,7 @@ from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.margin.law_filters import LawFilter
 from hertzloop.studies.margin.linear import PoleForm
 from hertzloop.studies.margin.loop import loop_of
+from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.table import FrequencyResponse
 from tests.tiers import default
 
@@ -36,6 +37,18 @@ def test_a_dip_below_one_between_the_points_is_found():
     arcs = loop_of(plant, dip, 1, 0).table.arcs
     assert len(arcs) >= 2
     assert any(0.002 < arc.end < 0.0045 for arc in arcs)
+
+
+@pytest.mark.parametrize("taps", [[0.3], [0.0, -0.2, 0.5], [0.1] * 12])
+def test_a_finite_impulse_response_closes_the_loop(taps):
+    plant = PoleForm(np.exp([-0.01 + 0.5j, -0.02 + 1.7j]), np.full(2, 0.2 + 0j), np.zeros(2))
+    law = LawFilter(-0.4, np.empty(0, complex), np.empty(0, complex), np.array(taps))
+    found = closed_loop_poles(plant, law, 3)
+    assert len(found) == 4 + 3 + len(taps)
+    gain = 1.0 + loop_of(plant, law, 1, 0).gain(found) * found**-3.0
+    assert np.abs(gain).max() < 1e-9
+    count = loop_of(plant, law, 1, 0).table.unstable(np.array([3]))[0]
+    assert count == np.sum(np.abs(found) > 1.0)
 
 
 @pytest.mark.full

@@ -1,13 +1,10 @@
 """Whether a law is linear, and with which transfer function."""
 
-from dataclasses import asdict
-
 import numpy as np
 import pytest
 import scipy.signal as sg
 
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.scene.controller import law_context
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import NotLinearError, law_filter, probe
@@ -52,7 +49,6 @@ def test_a_linear_law_of_the_user_is_identified(tmp_path):
         "min(max(-20.0 * s.b, -100.0), 100.0)",
         "-20.0 * s.b * (1.0 + 1e-4 * i)",
         "-20.0 * s.b + 1e-3",
-        "-20.0 * abs(s.b)",
         "-20.0 * s.b if abs(s.b) > 1e-6 else 0.0",
     ],
 )
@@ -86,10 +82,8 @@ def test_constants_of_shipped_laws_agree_with_a_probe(law, quantity):
     "setting",
     [
         "controller.jitter_us=3",
-        "controller.clock_ppm=5",
         "controller.drop_out_probability=0.1",
         "controller.latency_trace=[0,600]",
-        "sensors.fault=stuck",
         "actuator.stuck_from_s=0.001",
     ],
 )
@@ -134,39 +128,6 @@ def test_sections_have_the_response_of_their_polynomials(sos):
     if np.all(np.isfinite(found.residues)):
         fractions = LawFilter.at(found, z)
         assert np.abs(fractions - expected).max() <= 1e-7 * np.abs(expected).max()
-
-
-@pytest.mark.parametrize(
-    ("taps", "denominator"),
-    [(21, [1.0]), (30, [1.0, -0.9]), pytest.param(200, [1.0, -0.9], marks=pytest.mark.full)],
-)
-def test_poles_at_zero_are_exact(taps, denominator):
-    numerator = (-30.0 * sg.firwin(taps, 0.05)).tolist()
-    setup = load(
-        "oak-20mm",
-        [
-            "controller.law=linear",
-            f"controller.numerator={numerator}",
-            f"controller.denominator={denominator}",
-        ],
-    )
-    found = margin_of(setup)
-    assert found.stable is not None
-    limit = 0 if found.latency_limit_steps is None else found.latency_limit_steps
-    for steps, stable in ((max(limit, 0), limit >= 0), (limit + 1, False)):
-        tried = margin_of(setup.vary({"controller.latency_us": float(steps)}))
-        assert tried.stable is stable
-
-
-def test_the_law_linear_has_the_margin_of_velocity_feedback():
-    other = load("oak-20mm", ["controller.law=velocity_feedback", "controller.kappa=1.1"])
-    gain = -other.scene.controller.keys.kappa * law_context(other).impedance_n_s_m
-    mine = load("oak-20mm", ["controller.law=linear", f"controller.numerator=[{gain!r}]"])
-    found, expected = asdict(margin_of(mine)), asdict(margin_of(other))
-    for name, value in expected.items():  # of a product of stages they are found another way
-        if isinstance(value, float):
-            value = pytest.approx(value, rel=1e-12)
-        assert found[name] == value
 
 
 def test_an_integrator_counts_as_a_slow_decay():

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from hertzloop.scene.setup import load
+from hertzloop.studies.cases import dask_pool
 from hertzloop.studies.cases.axis import axes_from
 from hertzloop.studies.cases.design import design_of
 from hertzloop.studies.cases.journal import Journal, JournalError
@@ -303,6 +304,17 @@ def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path):
     assert b"was lost; finished cases are kept" in said.replace(b"\n", b" ")
     assert b"Traceback" not in said
     assert len(_lines(study.journal_of(out))) >= 100
+
+
+@pytest.mark.full
+def test_a_cluster_without_workers_is_waited_for_with_a_word(tmp_path, monkeypatch):
+    monkeypatch.setattr(dask_pool, "_WORKERLESS_S", 4.0)
+    monkeypatch.setattr(dask_pool, "_LOOK_S", 1.0)
+    with cluster(0) as (address, _):
+        result = invoke([*HUGE, "-o", str(tmp_path / "r.csv"), "--dask", address])
+    assert result.exit_code == 1
+    assert f"{address} has no workers; waiting 4 s for one" in result.stderr
+    assert "error: the Dask scheduler" in result.stderr
 
 
 @pytest.mark.full

@@ -14,8 +14,8 @@ from hertzloop.results.impacts import first_impact
 from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases import evaluate
-from hertzloop.studies.cases.axis import Axis, axes_from
-from hertzloop.studies.cases.design import Design, design_of
+from hertzloop.studies.cases.axis import Axis
+from hertzloop.studies.cases.design import Design
 from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.sweep import sweep as study
@@ -72,7 +72,8 @@ def test_results_come_back_with_scene_and_versions(tmp_path, suffix):
     scene = load("aluminium-3mm", COARSE)
     axes = (Axis("sensors.bits", (6, "ideal")), Axis("plate.contact_point_m", ([0.2, 0.2],)))
     out = tmp_path / f"r{suffix}"
-    found = study.sweep(SweepPlan(scene, Design(axes), ONE_WORKER), out)
+    plan = SweepPlan(scene, Design(axes), ONE_WORKER)
+    found = study.sweep(plan, out)
     rows, header = read_results(out)
     assert [row["sensors.bits"] for row in rows] == [6, "ideal"]
     assert [row["plate.contact_point_m"] for row in rows] == [[0.2, 0.2]] * 2
@@ -80,19 +81,10 @@ def test_results_come_back_with_scene_and_versions(tmp_path, suffix):
     assert header["scene_toml"] == to_toml(scene.scene)
     assert header["versions"] == code_version()
     assert not study.journal_of(out).exists()
-
-
-@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
-def test_results_from_before_a_metric_was_added_stay_readable(tmp_path, suffix):
-    out, lacking = tmp_path / f"r{suffix}", "radiated_db"
-    setup = load("aluminium-3mm", COARSE)
-    design = design_of(setup, axes_from(["controller.latency_us=0,3"]), "grid", 2, 1)
-    done = study.sweep(SweepPlan(setup, design, ONE_WORKER), out)
-    older = [{k: v for k, v in row.items() if k != lacking} for row in done.rows]
-    write_results(out, older, SweepPlan(setup, design, ONE_WORKER).identity)
-    rows, _ = read_results(out)
-    assert [row.pop(lacking) for row in rows] == [None, None]
-    assert [row["plate_energy_db"] for row in rows] == [row["plate_energy_db"] for row in done.rows]
+    # Results of an earlier version lack a metric.
+    older = [{k: v for k, v in row.items() if k != "radiated_db"} for row in found.rows]
+    write_results(out, older, plan.identity)
+    assert [row["radiated_db"] for row in read_results(out)[0]] == [None, None]
 
 
 def test_a_repeated_sweep_says_that_its_results_are_there(tmp_path, monkeypatch):
@@ -168,9 +160,7 @@ def test_an_unstable_case_was_run_but_has_no_metrics(tmp_path):
     [
         (["thesis-aluminium"], 2, "run.scheme = 'thesis2008'"),
         (["--out", "folder.csv", "--overwrite"], 2, "folder.csv: is a folder"),
-        (["--json", "r.csv.json"], 2, "is another output of this command"),
         (["--set", "run.duration_s=0.0009"], 1, "2 of 2 cases failed"),
-        (["--out", "/proc/r.csv"], 2, "cannot write to the folder /proc"),
         (["--over", "controller.latency_us"], 2, "controller.latency_us=0:100:1"),
     ],
 )
