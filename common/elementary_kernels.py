@@ -35,6 +35,17 @@ def exp(x):
 
 
 @kernel(inline=True)
+def expm1(x):
+    """e^x - 1, to rounding also near zero."""
+    if not abs(x) < 0.5:
+        return exp(x) - 1.0
+    total = 1.0
+    for n in range(16, 1, -1):
+        total = 1.0 + x * total / n
+    return x * total
+
+
+@kernel(inline=True)
 def log(x):
     """Natural logarithm of a number above zero."""
     mantissa, exponent = math.frexp(x)
@@ -82,3 +93,10 @@ def sine_and_cosine_of_pi(x):
     """Sine and cosine of pi x; exact where x is a multiple of a half."""
     quarters = math.floor(2.0 * x + 0.5)
     return _turned(quarters, math.pi * (x - 0.5 * quarters))
+
+
+@kernel
+def fill_sines(share, found):
+    """Write sin(n pi share), n = 1, 2, ..., into `found`."""
+    for i in range(found.size):
+        found[i] = sine_and_cosine_of_pi((i + 1) * share)[0]

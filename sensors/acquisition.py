@@ -8,6 +8,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 import scipy
 
+from hertzloop.common import elementary_kernels
+from hertzloop.common.uncompiled import plain
 from hertzloop.sensors import kernels as sensor_kernels
 from hertzloop.sensors.kernels import ADDED, HELD, LIMITED, OF_SECTIONS
 
@@ -16,6 +18,10 @@ NOISE_STREAM, _FAULT_STREAM = 1, 7  # random streams; the controller has others
 _SIGMAS = 8.0  # no noise is larger
 _FORGOTTEN = 37.0  # time constants after which a filter has forgotten its past, to rounding
 _NEVER = 2**62  # a sample that no run has
+
+
+_exp, _expm1 = plain(elementary_kernels.exp), plain(elementary_kernels.expm1)
+_sine_and_cosine = plain(elementary_kernels.sine_and_cosine)
 
 
 @dataclass(frozen=True)
@@ -73,16 +79,23 @@ class Filters:
             yield f"low_pass_order is {self.low_pass_order}; must be 1 to {HIGHEST_ORDER}"
 
 
-@lru_cache(maxsize=64)
 def _poles(kind: str, order: int, omega: float) -> tuple[complex, ...]:
+    return tuple(complex(omega * p.real, omega * p.imag) for p in _unit_poles(kind, order))
+
+
+@lru_cache(maxsize=16)
+def _unit_poles(kind: str, order: int) -> tuple[complex, ...]:
+    """Poles of a low-pass with a corner of 1 rad/s; to 13 digits, since the last ones of SciPy's
+    depend on the processor."""
     if order == 1:
-        return (complex(-omega),)
+        return (complex(-1.0),)
     if kind == "bessel":
-        _, poles, _ = scipy.signal.bessel(order, omega, analog=True, output="zpk", norm="mag")
+        _, poles, _ = scipy.signal.bessel(order, 1.0, analog=True, output="zpk", norm="mag")
     else:
-        _, poles, _ = scipy.signal.butter(order, omega, analog=True, output="zpk")
-    upper = [complex(p) for p in poles if p.imag > 1e-9 * abs(p)]
-    real = [complex(p.real) for p in poles if abs(p.imag) <= 1e-9 * abs(p)]
+        _, poles, _ = scipy.signal.butter(order, 1.0, analog=True, output="zpk")
+    known = [complex(round(p.real, 13), round(p.imag, 13)) for p in poles.tolist()]
+    upper = [p for p in known if p.imag > 1e-9 * abs(p)]
+    real = [complex(p.real) for p in known if abs(p.imag) <= 1e-9 * abs(p)]
     return (*real, *upper)
 
 
@@ -95,13 +108,13 @@ def _section(pole: complex, step_s: float) -> tuple[float, ...]:
     """
     w = abs(pole) * step_s
     if pole.imag == 0.0:
-        return math.exp(-w), 0.0, 0.0, 0.0, math.expm1(-w) / w, 0.0, 1.0
-    d, decay = -pole.real / abs(pole), math.exp(pole.real * step_s)
-    turn = pole.imag * step_s
-    sine = decay * math.sin(turn) * abs(pole) / pole.imag
-    cosine = decay * math.cos(turn)
+        return _exp(-w), 0.0, 0.0, 0.0, _expm1(-w) / w, 0.0, 1.0
+    d, decay = -pole.real / abs(pole), _exp(pole.real * step_s)
+    sin, cos = _sine_and_cosine(pole.imag * step_s)
+    half = _sine_and_cosine(0.5 * pole.imag * step_s)[0]
+    sine, cosine = decay * sin * abs(pole) / pole.imag, decay * cos
     # cosine + d sine - 1, whose terms of first order cancel.
-    less = math.expm1(-d * w) * math.cos(turn) - 2.0 * math.sin(0.5 * turn) ** 2 + d * sine
+    less = _expm1(-d * w) * cos - 2.0 * half * half + d * sine
     ramp = (2.0 * d * less - sine) / w, -less / w
     return cosine + d * sine, sine, -sine, cosine - d * sine, *ramp, 1.0
 

@@ -2,6 +2,7 @@
 
 import math
 
+from hertzloop.common.elementary_kernels import exp, log
 from hertzloop.controller.law import kernel
 from hertzloop.controller.laws._threshold import slope
 
@@ -27,9 +28,10 @@ def contact_time_s(p, xi, speed):
     where the state's whole energy is in the contact; infinite without energy."""
     depth = max(-xi, 0.0)
     energy = depth * depth * math.sqrt(depth) + 1.25 * p.mass_kg / p.stiffness * speed * speed
-    spring = 1.5 * p.stiffness * energy**0.2  # 1.5 s sqrt(p)
-    rate = math.sqrt(spring / p.mass_kg) + spring / p.impedance_n_s_m
-    return 1.0 / rate if rate > 0.0 else math.inf
+    if not energy > 0.0:
+        return math.inf
+    spring = 1.5 * p.stiffness * exp(0.2 * log(energy))  # 1.5 s sqrt(p)
+    return 1.0 / (math.sqrt(spring / p.mass_kg) + spring / p.impedance_n_s_m)
 
 
 @kernel
@@ -78,6 +80,6 @@ def look_ahead(p, samples, i, ahead):
         at += part
         steps += 1
     if at < parts:  # a heavy sphere never leaves: F/m = F'/Z from here on
-        faded = math.exp(-(parts - at) * dt * p.impedance_n_s_m / (1.5 * p.mass_kg))
+        faded = exp(-(parts - at) * dt * p.impedance_n_s_m / (1.5 * p.mass_kg))
         return xi * faded, speed * faded, touches, crosses
     return xi, speed, touches, crosses

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 from pydantic import Field
 
+from hertzloop.common.elementary_kernels import exp
+from hertzloop.common.uncompiled import plain
 from hertzloop.controller.law import ACTING, IDLE, LawContext, Response
 from hertzloop.controller.laws import force_feedback
 from hertzloop.controller.laws.force_feedback import reach  # noqa: F401
@@ -36,7 +38,7 @@ class Constants(NamedTuple):
 
 def prepare(keys, about: LawContext) -> Constants:
     """Constants of the function."""
-    keep = math.exp(-2.0 * math.pi * keys.leak_hz * about.sample_s)
+    keep = plain(exp)(-2.0 * math.pi * keys.leak_hz * about.sample_s)
     gain = -keys.kappa * about.impedance_n_s_m
     return Constants(gain, keep, about.sample_s)
 

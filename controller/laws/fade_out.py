@@ -1,10 +1,10 @@
 """The published law, but the force fades as soon as the contact is over."""
 
-import math
 from typing import Any
 
 from pydantic import Field
 
+from hertzloop.common.elementary_kernels import sine_and_cosine_of_pi
 from hertzloop.controller.law import ACTING, IDLE, WATCHING, ForceBound, LawContext, StepsUs, kernel
 from hertzloop.controller.laws import slope_threshold
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
@@ -53,7 +53,7 @@ def left_over(p, s, i):
     after = i - s.left + 1
     if after > p.fade_samples:
         return 0.0
-    return 0.5 + 0.5 * math.cos(math.pi * after / (p.fade_samples + 1))
+    return 0.5 + 0.5 * sine_and_cosine_of_pi(after / (p.fade_samples + 1))[1]
 
 
 def command(p, s, samples, i):

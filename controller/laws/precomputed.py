@@ -4,11 +4,14 @@ All but the last follow from the contact force F_c0 of the same impact without c
 duration T0 is that of F_c0. They are shifted by `delay_us` = (t_a - 1) dt.
 """
 
+import math
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
+from hertzloop.common import elementary_kernels
+from hertzloop.common.uncompiled import plain
 from hertzloop.controller.law import ForceBound, Gain, LawContext
 from hertzloop.controller.laws import profile
 from hertzloop.controller.laws.profile import (  # noqa: F401
@@ -44,6 +47,9 @@ Name = Literal[
     "F_mobility",
 ]
 
+_exp = plain(elementary_kernels.exp)
+_sine_and_cosine = plain(elementary_kernels.sine_and_cosine)
+_sine_and_cosine_of_pi = plain(elementary_kernels.sine_and_cosine_of_pi)
 
 open_loop = True
 
@@ -82,10 +88,10 @@ def shaped(shape: str, kappa: float, contact_n: np.ndarray) -> np.ndarray:
     """
     if shape == CONSTANT:
         return np.full(len(contact_n), kappa * float(contact_n.max()))
-    phase = 2.0 * np.pi * np.arange(len(contact_n)) / len(contact_n)
-    windows = {CONTACT_FORCE: np.ones(len(phase)), SINE: np.sin(phase), COSINE: np.cos(phase)}
-    window = windows[shape]
-    return np.asarray(kappa * contact_n * window)
+    count = len(contact_n)
+    turns = np.array([_sine_and_cosine_of_pi(2.0 * i / count) for i in range(count)])
+    windows = {CONTACT_FORCE: np.ones(count), SINE: turns[:, 0], COSINE: turns[:, 1]}
+    return np.asarray(kappa * contact_n * windows[shape])
 
 
 def mobility_force_n(about: LawContext) -> np.ndarray:
@@ -98,15 +104,22 @@ def mobility_force_n(about: LawContext) -> np.ndarray:
     overdamped, falls below 1e-3 of its peak.
     """
     m, v, step_s = about.sphere_mass_kg, about.impact_speed_m_s, about.step_s
-    spring = m * (np.pi / about.rigid_contact_s) ** 2
+    turn = math.pi / about.rigid_contact_s
+    spring = m * turn * turn
     decay = 0.5 * spring / about.impedance_n_s_m
     squared = spring / m - decay * decay
-    root = np.sqrt(abs(squared))
+    root = math.sqrt(abs(squared))
     if squared > 0.0:
-        t = np.arange(int(np.pi / root / step_s) + 1) * step_s
-        return np.asarray(spring * v / root * np.exp(-decay * t) * np.sin(root * t))
+        t = np.arange(int(math.pi / root / step_s) + 1) * step_s
+        sines = np.array([_sine_and_cosine(angle)[0] for angle in (root * t).tolist()])
+        return np.asarray(spring * v / root * _faded(decay, t) * sines)
     slow = decay - root  # of the two decays; the quick one is over long before
-    t = np.arange(int(np.log(1e3) / slow / step_s) + 1) * step_s
+    t = np.arange(int(math.log(1e3) / slow / step_s) + 1) * step_s
     if root == 0.0:
-        return np.asarray(spring * v * t * np.exp(-decay * t))
-    return np.asarray(spring * v / (2.0 * root) * (np.exp(-slow * t) - np.exp(-(decay + root) * t)))
+        return np.asarray(spring * v * t * _faded(decay, t))
+    return np.asarray(spring * v / (2.0 * root) * (_faded(slow, t) - _faded(decay + root, t)))
+
+
+def _faded(rate: float, t: np.ndarray) -> np.ndarray:
+    """exp(-rate t), shape (times,)."""
+    return np.array([_exp(x) for x in (-rate * t).tolist()])

@@ -15,6 +15,7 @@ ULP = 2.3e-16
 def test_exp_and_log():
     for x in (*RNG.uniform(-700, 700, 200), *RNG.uniform(-1, 1, 200), 0.0, -745.0):
         assert el.exp(x) == pytest.approx(math.exp(x), rel=2 * ULP, abs=5e-324)
+        assert el.expm1(x) == pytest.approx(math.expm1(x), rel=2 * ULP)
         y = 2.0 ** (x / 2.0)
         assert el.log(y) == pytest.approx(math.log(y), rel=2 * ULP)
         assert el.exp(x) == plain(el.exp)(x)
