@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import scipy
 
 from hertzloop.plant.actuator_kernels import ForceLimit, SecondOrder, force
 from hertzloop.plant.state_kernels import ACTUATOR_F, ACTUATOR_RATE, BODY_SIZE
@@ -15,6 +14,7 @@ from hertzloop.plant.structures.modes import Oscillators
 _NO_SHAPE = 1e-9  # of the largest at the actuator: such a mode does not feel the mass
 _CHUNK = 2**16  # numbers of a work array: larger ones cost more page faults than arithmetic
 _MOST_HALVINGS = 200
+_SERIES_TERMS = 15  # 1/17! of 1 is below rounding
 
 
 @dataclass(frozen=True)
@@ -51,24 +51,40 @@ def build_model(actuator: Actuator, step_s: float) -> SecondOrder | ForceLimit |
         return None if actuator.force_limit_n is None else ForceLimit(float(limit))
     zeta = actuator.damping
     turn = 2.0 * math.pi * actuator.bandwidth_hz * step_s
-    one = np.eye(2)
-    # exp of these blocks holds phi_0, phi_1 and phi_2 of the first one in its first row.
-    blocks = np.zeros((6, 6))
-    blocks[:2, :2] = turn * np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
-    blocks[:2, 2:4] = blocks[2:4, 4:] = one
-    phi = scipy.linalg.expm(blocks)[:2]
-    (mean_f, mean_d), (slope_f, slope_d) = phi[0, 2:4], 3.0 * (phi[0, 2:4] - 2.0 * phi[0, 4:])
+    (p0, q0), (p1, q1), (p2, q2) = _phis(turn, zeta)
     return SecondOrder(
-        turn_ff=float(phi[0, 0]),
-        turn_fd=float(phi[0, 1]),
-        turn_df=float(phi[1, 0]),
-        turn_dd=float(phi[1, 1]),
-        mean_f=float(mean_f),
-        mean_d=float(mean_d),
-        slope_f=float(slope_f),
-        slope_d=float(slope_d),
+        turn_ff=p0,
+        turn_fd=q0 * turn,
+        turn_df=-q0 * turn,
+        turn_dd=p0 - 2.0 * zeta * turn * q0,
+        mean_f=p1,
+        mean_d=q1 * turn,
+        slope_f=3.0 * (p1 - 2.0 * p2),
+        slope_d=3.0 * (q1 - 2.0 * q2) * turn,
         limit_n=float(limit),
     )
+
+
+def _phis(turn: float, zeta: float) -> tuple[tuple[float, float], ...]:
+    """phi_0, phi_1 and phi_2 of A = turn [[0, 1], [-1, -2 zeta]]; (p, q) stands for p + q A.
+
+    The series of phi_2 for A/2^n, where it is small, then phi_2(2 A) = (phi_1(A)^2 + 2 phi_2(A))/4
+    n times, phi_k = 1/k! + A phi_(k+1). No linear algebra: its last bits depend on the processor.
+    """
+    halvings = 0
+    while turn * (1.0 + zeta) > 0.5:
+        turn, halvings = 0.5 * turn, halvings + 1
+    square, double = turn * turn, 2.0 * zeta * turn  # A^2 = -square - double A
+    p = q = 0.0
+    for k in range(_SERIES_TERMS, -1, -1):
+        p, q = 1.0 / math.factorial(k + 2) - square * q, p - double * q
+    for _ in range(halvings):
+        p1, q1 = 1.0 - square * q, p - double * q
+        p = 0.25 * (p1 * p1 - square * q1 * q1 + 2.0 * p)
+        q = 0.125 * (2.0 * p1 * q1 - double * q1 * q1 + 2.0 * q)
+        square, double = 4.0 * square, 2.0 * double
+    first = 1.0 - square * q, p - double * q
+    return (1.0 - square * first[1], first[0] - double * first[1]), first, (p, q)
 
 
 @dataclass(frozen=True)

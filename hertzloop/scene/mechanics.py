@@ -160,7 +160,7 @@ def _sphere(given: SphereTable, material: Material) -> Sphere:
     height, speed = given.drop_height_m, given.speed_m_s
     if height is None:
         assert speed is not None  # a scene without either is refused
-        height = speed**2 / (2.0 * GRAVITY_M_S2)
+        height = speed * speed / (2.0 * GRAVITY_M_S2)
     return Sphere(material, given.radius_m, height, given.mass_kg, speed)
 
 

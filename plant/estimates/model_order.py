@@ -213,11 +213,15 @@ def frequency_limit_hz(
     spring: bool = False,
     damped: bool = False,
 ) -> float:
-    """Lowest limit whose estimated error meets `accuracy`; at most pi/dt, i.e. 1/(2 step_s) Hz."""
+    """Lowest limit whose estimated error meets `accuracy`; at most pi/dt, i.e. 1/(2 step_s) Hz.
+
+    The flexibility of the modes left out follows from it. So below pi/dt it has ten digits: the
+    powers and logarithms that it is made of differ between processors in the last one.
+    """
     nyquist = 0.5 / step_s
     share = expected_error(sphere, plate, contact, nyquist)
     if not spring:
-        return min(nyquist, nyquist * share / accuracy)
+        return min(nyquist, _ten_digits(nyquist * share / accuracy))
     lasts_s = rigid_impact(sphere, contact).contact_s
     error = _SPRING_FACTOR * share * (nyquist * lasts_s) ** -_SPRING_EXPONENT
     # These parts of the estimate are powers of the limit.
@@ -225,7 +229,11 @@ def frequency_limit_hz(
     limit = max(for_gap, _periods_for(accuracy / _ENERGY_FACTOR) / lasts_s)
     if contact.has_damper and not damped:
         limit += nyquist * damper_error(sphere, plate, contact, nyquist) / accuracy
-    return min(nyquist, limit)
+    return min(nyquist, _ten_digits(limit))
+
+
+def _ten_digits(number: float) -> float:
+    return float(f"{number:.10g}")
 
 
 def least_limit_hz(

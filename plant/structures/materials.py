@@ -47,7 +47,7 @@ class Material:
     @cached_property
     def plane_strain_modulus_pa(self) -> float:
         """E / (1 - nu^2), Pa."""
-        return self.youngs_modulus_pa / (1.0 - self.poisson_ratio**2)
+        return self.youngs_modulus_pa / (1.0 - self.poisson_ratio * self.poisson_ratio)
 
     @cached_property
     def shear_modulus_pa(self) -> float:

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from hertzloop.common.elementary_kernels import fill_sines
 from hertzloop.plant.structures import mode_order_kernels
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Modes, ModeSource
@@ -35,7 +36,8 @@ class Plate(ModeSource):
     @cached_property
     def bending_stiffness_n_m(self) -> float:
         """B' = E h^3 / (12 (1 - nu^2)), N m."""
-        return self.material.plane_strain_modulus_pa * self.thickness_m**3 / 12.0
+        h = self.thickness_m
+        return self.material.plane_strain_modulus_pa * (h * h * h) / 12.0
 
     @cached_property
     def mass_per_area_kg_m2(self) -> float:
@@ -174,7 +176,9 @@ def _room(along_x: np.ndarray, along_y: np.ndarray) -> tuple[int, np.ndarray, np
 
 def _sines(most: int, share: float) -> np.ndarray:
     """sin(m pi x) of m = 1 ... `most`."""
-    return np.asarray(np.sin(np.arange(1, most + 1) * np.pi * share))
+    found = np.empty(most)
+    fill_sines(share, found)
+    return found
 
 
 def _most(numbers: np.ndarray) -> int:
