@@ -23,7 +23,7 @@ def hertz(stiffness, gap):
     return stiffness * p * math.sqrt(p)
 
 
-@kernel(fastmath={"contract", "reassoc"}, allocates=True)
+@kernel(allocates=True)
 def slope(t, y, omega2, drive, stiffness, mass):
     """Right-hand side for y = (q, q', x_s, v_s), shape (2 modes + 2,)."""
     n = omega2.size
@@ -54,7 +54,7 @@ def energy(y, omega2, drive, stiffness, mass):
     return total + mass * (0.5 * y[2 * n + 1] * y[2 * n + 1] + GRAVITY * y[2 * n])
 
 
-@kernel(fastmath={"contract", "reassoc"}, allocates=True)
+@kernel(allocates=True)
 def verlet(y, omega2, drive, stiffness, mass, h, steps, every, gaps):
     """Stoermer-Verlet, velocity form; stable below w h = 2."""
     n = omega2.size
@@ -81,7 +81,7 @@ def verlet(y, omega2, drive, stiffness, mass, h, steps, every, gaps):
             gaps[(k + 1) // every - 1] = gap
 
 
-@kernel(fastmath={"contract", "reassoc"}, allocates=True)
+@kernel(allocates=True)
 def rk4(y, omega2, drive, stiffness, mass, h, steps, every, gaps):
     """Classical Runge-Kutta; stable below w h = 2.83."""
     n = omega2.size
