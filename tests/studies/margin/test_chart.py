@@ -102,7 +102,9 @@ def test_the_command_writes_picture_numbers_and_plant(tmp_path):
     done = invoke(["margin", "oak-20mm", "--law", "velocity_feedback", "--set",
                    "controller.kappa=0.4", "--out-dir", str(tmp_path / "out")])  # fmt: skip
     assert done.exit_code == 0, done.output
-    assert "limited by modes (7, 1), (5, 5), (1, 7) at 770.3" in " ".join(done.output.split())
+    said = " ".join(done.output.split())
+    assert "stable in flight at 0 us: it tolerates a latency of up to 497" in said
+    assert "limited by modes (7, 1), (5, 5), (1, 7) at 770.3" in said
     data = json.loads((tmp_path / "out" / "margin.json").read_text())
     assert data["binding_mode"]["indices"] == [[7, 1], [5, 5], [1, 7]]
     assert (tmp_path / "out" / "margin.png").read_bytes()[:4] == b"\x89PNG"
@@ -123,6 +125,7 @@ def test_the_command_points_to_the_budget(tmp_path):
     said = margin("--law", "off")
     assert "so there is no loop. Name a law, for example --law velocity_feedback." in said
     assert "budget" not in said
+    assert "The law has no linear loop in flight, so it has no margin." in said
     said = margin("--law", "force_feedback", "--set", "sensors.quantity=contact_force")
     assert "the contact force is zero in flight" in said
     assert "hertzloop budget" in said

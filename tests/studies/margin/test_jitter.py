@@ -174,7 +174,7 @@ def test_a_clock_that_drifts_adds_a_sampling_period():
     [
         ("controller.jitter_us=5", "certified, 5 us above the shortest one at most"),
         ("controller.drop_out_probability=0.1", "bursts of up to 7 commands in a row certified"),
-        ("controller.latency_us=10", "unstable at 10 us"),
+        ("controller.latency_us=10", "unstable in flight at 10 us: grows"),
     ],
 )
 def test_the_command_tells_margin_and_verdict(setting, said, tmp_path):
