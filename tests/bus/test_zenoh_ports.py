@@ -254,10 +254,6 @@ class TestEndpoints:
         assert "\n" not in sentence
         assert ".rs" not in sentence  # zenoh adds where it says so in its own source
 
-    def test_an_endpoint_that_is_none(self):
-        with pytest.raises(BusError, match="plant cannot open the bus at"):
-            ZenohPort(PLANT, "wrong", ["pigeon/1"])
-
     def test_a_configuration_file_gives_the_endpoints(self, opened, tmp_path):
         here, there = map(url, free_ports(2))
         file = tmp_path / "bus.json5"

@@ -1,13 +1,11 @@
 """Drive a controller sample by sample or in blocks, and keep everything it says."""
 
-import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 
-from hertzloop.controller import kernels as k
 from hertzloop.controller.controller import Controller, Reply, SignalPath
 from tests.controller.specs import LawSpec
 
@@ -81,39 +79,3 @@ def drive(
 def commands(law: LawSpec, samples: Sequence[float]) -> np.ndarray:
     """What the law commands after each sample: with an ideal line, the force a step later."""
     return drive(law, SignalPath(), samples).forces[1:]
-
-
-def fingerprint() -> str:
-    """Hash of all that the kernels put out for a fixed set of runs, kernels compiled or not."""
-    digest = hashlib.sha256()
-    random = np.random.Generator(np.random.Philox(key=[1, 1]))
-    samples = np.concatenate([np.sin(np.arange(150) / 9.0), 0.5 * random.standard_normal(150)])
-    lines = [
-        SignalPath(),
-        SignalPath(latency_steps=3, jitter_steps=4, drop_out_probability=0.2),
-        SignalPath(bits=5, full_scale_n=3.0, slew_n_s=0.7),
-    ]
-    laws = [
-        SLOPE,
-        replace(SLOPE, window=4),
-        replace(SLOPE, law="fade_out", window=4, fade_samples=3),
-        replace(SLOPE, law="predicted", lead_samples=4, watch_level=0.5, mass_kg=200.0),
-        LawSpec("off", 1.0),
-        LawSpec("profile", 1.0, profile_n=(0.3, -2.0, 5.0)),
-        LawSpec("force_feedback", 1.0, gain=-2.0),
-        LawSpec("acceleration_feedback", 1.0, gain=-2.0, leak_hz=0.01),
-    ]
-    for law in laws:
-        for line in lines:
-            for every_steps in (1, 3):
-                controller = make(law, line, len(samples), every_steps)
-                for start in range(0, len(samples), 50):
-                    reply = controller.process(samples[start : start + 50])
-                    promise = f"{reply.promise_zero} {reply.promise_level}".encode()
-                    for part in (reply.forces, reply.modes, reply.delays, promise):
-                        digest.update(part)
-                digest.update(controller.law_state.counts)
-                digest.update(controller.law_state.record)
-                digest.update(controller.line_state.values)
-    digest.update(np.array([k.convert_force(controller.line, x) for x in samples]))
-    return digest.hexdigest()

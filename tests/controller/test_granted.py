@@ -67,11 +67,6 @@ def test_nothing_is_granted_beyond_the_end_of_the_run(samples):
     assert controller.law_state.counts[laws.COMMANDED] == len(samples)
 
 
-def test_nothing_is_granted_ahead_unless_asked():
-    driven = drive(SLOPE, SignalPath(), [1, -1, -4, -9, -9], cuts=ONE_BY_ONE, look_ahead=False)
-    assert [r.first_step + len(r.forces) for r in driven.replies] == [2, 3, 4, 5, 6]
-
-
 @given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS, st.booleans(), st.data())
 @settings(max_examples=200, deadline=None)
 def test_the_promise_of_no_force_is_kept(law, line, samples, cuts, every_steps, look_ahead, data):

@@ -1,5 +1,6 @@
 """The force laws: mode, delay and command after every sample."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,9 @@ from hypothesis import strategies as st
 
 from hertzloop.bus.events import MODES
 from hertzloop.controller.controller import Controller, SignalPath
-from tests.controller import reference
 from tests.controller.drive import SLOPE, commands, drive
 from tests.controller.specs import LawSpec
-from tests.controller.strategies import LEVELS, PROFILES, SEQUENCES, THRESHOLDS
+from tests.controller.strategies import LEVELS, SEQUENCES, THRESHOLDS
 
 LETTERS = {name[0].upper(): mode for mode, name in enumerate(MODES)}  # I, W, A, S
 
@@ -21,21 +21,6 @@ CONSTANT = LawSpec("constant", 1.0, profile_n=(5.0, 5.0))
 
 # name: law, samples (one a second), modes, latched delays, commands
 ROWS = {
-    "one contact": (
-        # Latched at the third sample in contact, then the contact again, two samples late.
-        SLOPE,
-        [1, -1, -4, -4, -1, 1, 1, 1, 1],
-        "IWWAAAAII",
-        [0, 0, 0, 2, 2, 2, 2, 2, 2],
-        [0, 0, 0, 4, 32, 32, 4, 0, 0],
-    ),
-    "armed again for the next contact": (
-        SLOPE,
-        [1, -1, -1, 1, 1, -1, -4, -9, -9, 1, 1, 1, 1],
-        "IWAAIWWWAAAAI",
-        [0, 0, 1, 1, 1, 1, 1, 1, 3, 3, 3, 3, 3],
-        [0, 0, 4, 4, 0, 0, 0, 0, 4, 32, 108, 108, 0],
-    ),
     "constant force, spent until the contact ends": (
         CONSTANT,
         [1, -1, -1, -1, -1, 1, -1, -1],
@@ -67,12 +52,59 @@ def test_the_slope_is_per_second(step_s, every_steps):
     assert modes.tolist() == [LETTERS[letter] for letter in "IWWAA"]
 
 
+IDLE, WATCHING, ACTING, SPENT = range(4)
+
+Row = tuple[int, float]  # mode after a sample, its command
+
+
+def _start_of_contact(touching: Sequence[bool], i: int) -> int:
+    while i > 0 and touching[i - 1]:
+        i -= 1
+    return i
+
+
+def by_plain_python(
+    samples: Sequence[float],
+    factor: float,
+    v_thr: float,
+    level: float = 0.0,
+    on_latch: Callable[[int, int], None] = lambda at, delay: None,
+) -> list[Row]:
+    """Modes and commands of the law as the sentences that define it tell a run, contact by contact:
+    one sample a second, `factor` = kappa s."""
+    n = len(samples)
+    touching = [x <= level for x in samples]
+    rows: list[Row] = []
+
+    def rises(i: int) -> bool:
+        return i > 0 and samples[i] - samples[i - 1] > v_thr
+
+    while len(rows) < n:
+        i = len(rows)
+        if not touching[i]:
+            rows.append((IDLE, 0.0))
+            continue
+        while i < n and touching[i] and not rises(i):
+            rows.append((WATCHING, 0.0))
+            i += 1
+        if i == n or not touching[i]:
+            continue
+        delay = i - _start_of_contact(touching, i)
+        on_latch(i, delay)
+        while i < n and touching[i - delay]:
+            rows.append((ACTING, factor * max(0.0, -samples[i - delay]) ** 1.5))
+            i += 1
+        if i < n:  # the sample at which the stored contact is over is not judged again
+            rows.append((WATCHING if touching[i] else IDLE, 0.0))
+    return rows
+
+
 @given(SEQUENCES, THRESHOLDS, LEVELS, st.sampled_from([0.8, -0.4]))
 @settings(max_examples=150, deadline=None)
 def test_slope_threshold_against_plain_python(samples, v_thr, level, kappa):
     law = LawSpec("slope_threshold", 3.7, kappa, v_thr, contact_level=level)
     delays, latched = [], {}
-    rows = reference.slope_threshold(samples, kappa * 3.7, v_thr, level, latched.__setitem__)
+    rows = by_plain_python(samples, kappa * 3.7, v_thr, level, latched.__setitem__)
     for i in range(len(samples)):
         delays.append(latched.get(i, delays[-1] if delays else 0))
     driven = drive(law, SignalPath(), samples)
@@ -82,12 +114,3 @@ def test_slope_threshold_against_plain_python(samples, v_thr, level, kappa):
     np.testing.assert_allclose(
         commands(law, samples), [force for _, force in rows], rtol=1e-15, atol=0.0
     )
-
-
-@given(SEQUENCES, PROFILES, LEVELS)
-@settings(max_examples=100, deadline=None)
-def test_profile_against_plain_python(samples, forces, level):
-    law = LawSpec("profile", 1.0, profile_n=forces, contact_level=level)
-    rows = reference.profile(samples, forces, level)
-    assert drive(law, SignalPath(), samples).modes.tolist() == [mode for mode, _ in rows]
-    assert commands(law, samples).tolist() == [force for _, force in rows]

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from hertzloop.controller.controller import SignalPath
-from tests.controller.drive import commands, drive, make
-from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
-from tests.controller.test_law import CONSTANT, PROFILE
+from tests.controller.drive import commands, drive
+from tests.controller.strategies import EVERY_STEPS, LATENCIES, LAWS, SEQUENCES
+from tests.controller.test_law import PROFILE
 
 COUNTING = replace(PROFILE, profile_n=tuple(float(i) for i in range(1, 2001)))
 ALWAYS_TOUCHING = [-1.0] * 2000
@@ -19,17 +18,6 @@ ALWAYS_TOUCHING = [-1.0] * 2000
 def newest_command(forces: np.ndarray) -> np.ndarray:
     """Which sample's command acts at each step of a run of the law COUNTING; -1 before any."""
     return forces.astype(int) - 1
-
-
-@given(LAWS, LINES, SEQUENCES, st.integers(1, 20), EVERY_STEPS)
-@settings(max_examples=100, deadline=None)
-def test_latency_is_a_pure_shift(law, line, samples, latency, every_steps):
-    at_once = drive(law, line, samples, every_steps=every_steps)
-    late = drive(law, replace(line, latency_steps=latency), samples, every_steps=every_steps)
-    assert len(late.forces) == len(at_once.forces) + latency
-    assert late.forces[latency:].tobytes() == at_once.forces.tobytes()
-    assert not late.forces[:latency].any()
-    assert np.array_equal(late.modes, at_once.modes)
 
 
 @given(LAWS, SEQUENCES, LATENCIES, EVERY_STEPS)
@@ -44,33 +32,6 @@ def test_sample_k_acts_from_the_step_after_it_plus_latency(law, samples, latency
         # Sample i is taken at step i * every_steps.
         acting = [i for i in range(len(samples)) if i * every_steps + 1 + latency <= step]
         assert force == (by_sample[acting[-1]] if acting else 0.0)
-
-
-@given(
-    LAWS,
-    st.sampled_from([(4, 0.0), (0, 0.3), (4, 0.3)]),
-    SEQUENCES,
-    CUTS,
-    st.booleans(),
-    st.integers(0, 5),
-)
-@settings(max_examples=150, deadline=None)
-def test_chance_does_not_depend_on_the_cutting(law, chance, samples, cuts, look_ahead, seed):
-    line = SignalPath(jitter_steps=chance[0], drop_out_probability=chance[1])
-    whole = drive(law, line, samples, seed=seed)
-    cut = drive(law, line, samples, seed=seed, cuts=cuts, look_ahead=look_ahead)
-    assert cut.same_as(whole)
-
-
-def test_chance_is_a_function_of_the_step():
-    """A longer run starts like a shorter one, and jitter knows nothing of drop-outs."""
-    both = SignalPath(jitter_steps=6, drop_out_probability=0.2)
-    long, short = make(COUNTING, both, 500).line, make(COUNTING, both, 200).line
-    count = len(short.added_steps)
-    assert np.array_equal(short.added_steps, long.added_steps[:count])
-    assert np.array_equal(short.dropped, long.dropped[:count])
-    alone = make(COUNTING, SignalPath(jitter_steps=6), 500).line
-    assert np.array_equal(alone.added_steps, long.added_steps)
 
 
 @pytest.mark.parametrize("latency", [0, 4])
@@ -115,10 +76,3 @@ def test_slew_is_per_second_not_per_sample():
     law = replace(PROFILE, profile_n=(4.0, 4.0, 4.0))
     driven = drive(law, SignalPath(slew_n_s=2.0), [-1.0] * 4, every_steps=2)
     assert driven.forces.tolist() == [0, 1, 2, 3, 4, 4, 4, 3, 2]
-
-
-def test_the_run_ends_before_the_last_commands_act():
-    controller = make(CONSTANT, SignalPath(latency_steps=50, jitter_steps=9), 10, after=0)
-    reply = controller.process(np.full(10, -1.0))
-    assert len(reply.forces) == 10
-    assert not reply.forces.any()

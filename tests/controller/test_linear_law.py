@@ -7,9 +7,7 @@ import pytest
 import scipy.signal as sg
 
 from hertzloop.controller.controller import Controller, SignalPath
-from hertzloop.loop.simulate import simulate
-from hertzloop.plant.time_series import F_A
-from hertzloop.scene.controller import bound_law, law_context, loaded_law
+from hertzloop.scene.controller import bound_law, loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
@@ -27,46 +25,6 @@ def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
     return np.asarray(controller.process(samples, look_ahead=False).forces)[-count:]
 
 
-SHORT = ["run.duration_s=0.0015", "controller.latency_us=2"]
-CONVERTERS = [
-    "sensors.bits=10",
-    "sensors.noise_rms=1e-4",
-    "controller.bits=12",
-    "controller.full_scale_n=100",
-]
-
-
-@pytest.mark.parametrize(
-    ("law", "more"),
-    [
-        ("velocity_feedback", []),
-        ("velocity_feedback", CONVERTERS),
-        ("acceleration_feedback", ["controller.leak_hz=20"]),
-        ("acceleration_feedback", ["controller.leak_hz=0"]),
-    ],
-)
-def test_a_filter_gives_the_run_of_the_law_that_it_is(law, more):
-    other = load("aluminium-3mm", [*SHORT, *more, f"controller.law={law}"])
-    known, keys = law_context(other), other.scene.controller.keys
-    gain = -keys.kappa * known.impedance_n_s_m
-    if law == "velocity_feedback":
-        linear = [*more, f"controller.numerator=[{gain!r}]"]
-    else:
-        keep = float(np.exp(-2.0 * np.pi * keys.leak_hz * known.sample_s))
-        rows = [
-            [known.sample_s, 0, 0, 1, 0, 0],
-            [1, 0, 0, 1, -keep, 0],
-            [keep, 0, 0, 1, 0, 0],
-            [gain, 0, 0, 1, 0, 0],
-        ]
-        linear = ["sensors.quantity=acceleration", f"controller.sections={rows}"]
-    one = simulate(other)
-    two = simulate(load("aluminium-3mm", [*SHORT, "controller.law=linear", *linear]))
-    assert np.abs(one.values).max() > 0.0
-    for found, expected in ((two.values, one.values), (two.truth[F_A], one.truth[F_A])):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
-
-
 SECTIONS = {
     "butter": sg.butter(8, 2000.0, fs=FS, output="sos"),
     "cheby2": sg.cheby2(4, 60.0, [500.0, 5e3], "bandpass", fs=FS, output="sos"),
@@ -79,18 +37,6 @@ def test_sections_give_the_samples_of_sosfilt(name):
     expected = -3.0 * sg.sosfilt(SECTIONS[name], samples)
     found = forces(setup_of("gain=-3", f"sections={SECTIONS[name].tolist()}"), samples)
     assert np.abs(found - expected).max() <= 3e-12 * np.abs(expected).max()
-
-
-def test_a_coarse_converter_leaves_no_dead_zone():
-    rows = SECTIONS["butter"].tolist()
-    keys = ["sensors.bits=5", "controller.law=linear", f"controller.sections={rows}"]
-    run = simulate(load("aluminium-3mm", ["run.duration_s=0.0015", *keys]))
-    step = load("aluminium-3mm", keys).sensor.converter_step
-    levels = run.values / step
-    assert np.abs(levels - np.round(levels)).max() < 1e-12  # zero is a level
-    assert {-1.0, 0.0, 1.0} <= set(np.round(levels))
-    expected = sg.sosfilt(SECTIONS["butter"], run.values)
-    assert np.abs(run.truth[F_A, 1:] - expected[:-1]).max() <= 3e-12 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize(
@@ -110,20 +56,14 @@ def test_polynomials_give_the_samples_of_lfilter(b, a):
     assert np.abs(found - expected).max() <= 3e-12 * np.abs(expected).max()
 
 
-def state_space(order: int, late: int) -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
-    """A filter as a state space of some other coordinates, with its polynomials in 1/z."""
-    b, a = sg.butter(order, 0.2)
-    b = np.concatenate([np.zeros(late), b])
-    a = np.concatenate([a, np.zeros(late)])
-    matrices = sg.tf2ss(np.trim_zeros(b, "f"), a)
-    turn = np.random.default_rng(7).standard_normal((order + late, order + late))
-    turned = [
-        np.linalg.solve(turn, matrices[0] @ turn),
-        np.linalg.solve(turn, matrices[1]),
-        matrices[2] @ turn,
-        matrices[3],
-    ]
-    return dict(zip("ABCD", turned, strict=True)), b, a
+def state_space() -> tuple[dict[str, Any], np.ndarray, np.ndarray]:
+    """A late filter as a state space of some other coordinates, with its polynomials in 1/z."""
+    b, a = sg.butter(3, 0.2)
+    b, a = np.concatenate([[0.0, 0.0], b]), np.concatenate([a, [0.0, 0.0]])
+    A, B, C, D = sg.tf2ss(np.trim_zeros(b, "f"), a)
+    turn = np.random.default_rng(7).standard_normal(A.shape)
+    turned = {"A": np.linalg.solve(turn, A @ turn), "B": np.linalg.solve(turn, B)}
+    return turned | {"C": C @ turn, "D": D}, b, a
 
 
 def test_a_file_is_read(tmp_path):
@@ -134,8 +74,7 @@ def test_a_file_is_read(tmp_path):
         ({"sos": sos}, b, a),
         ({"b": b, "a": a, "dt": 1e-6}, b, a),
         ({"num": [[late.num]], "den": [[late.den]], "dt": 1e-6}, [0.0, 0.0, 2.0], late.den),
-        state_space(4, 0),
-        state_space(3, 2),
+        state_space(),
         ({"A": [[0.5]], "B": [[0.0]], "C": [[1.0]], "D": [[0.0]]}, [0.0], [1.0]),
     ]
     path, scene = tmp_path / "filter.npz", tmp_path / "mine.toml"
@@ -145,9 +84,11 @@ def test_a_file_is_read(tmp_path):
     for arrays, b, a in cases:
         np.savez(path, **arrays)
         expected = sg.lfilter(b, a, samples)
-        by_setting = setup_of(f"filter_file={path}")
         close = 1e-9 if "A" in arrays else 3e-12
-        for setup in (by_setting, load(str(scene)), load(str(scene)).vary({"controller.gain": 1})):
+        for setup in (
+            setup_of(f"filter_file={path}"),
+            load(str(scene)).vary({"controller.gain": 1}),
+        ):
             assert np.abs(forces(setup, samples) - expected).max() <= close * np.abs(expected).max()
             keys = setup.scene.controller.keys
             assert keys.filter_file == ""  # a recording needs no file
@@ -168,11 +109,8 @@ def test_a_sampling_interval_that_is_unknown(tmp_path, dt):
         ({"sos": [[1.0, 2.0, 3.0]]}, "'sos' has shape (1, 3)"),
         ({"b": [np.nan], "a": [1.0]}, "'b' holds numbers that are not finite"),
         ({"num": [1.0, 2.0, 3.0], "den": [1.0, 0.5]}, "'num' has 3 coefficients and 'den' 2"),
-        ({"b": ["x"], "a": [1.0]}, "'b' holds something else than numbers"),
         ({"b": [1.0], "a": [1.0], "dt": 2e-6}, "controller.designed_us = 2"),
         ({"b": [1.0 + 0.5j], "a": [1.0]}, "'b' has complex numbers"),
-        ({"b": [[1.0, 2.0], [3.0, 4.0]], "a": [1.0, 0.5]}, "'b' has shape (2, 2), as of several"),
-        ({part: [[1.0]] for part in "abcd"}, "more than one filter. Save the array sos"),
         (
             {"A": np.eye(2), "B": np.eye(2), "C": np.eye(2), "D": np.eye(2)},
             "(n, n), (n, 1), (1, n)",
@@ -182,7 +120,6 @@ def test_a_sampling_interval_that_is_unknown(tmp_path, dt):
             "too ill-conditioned to run as a filter. Save sections",
         ),
         ({"num": [-40.0, 0.0], "den": [1.0, 1e5], "dt": 0}, "dt = 0 marks a continuous filter"),
-        ({"b": [1.0], "a": [1.0], "dt": np.nan}, "'dt' must be one finite number"),
         ({"b": [1.0, 2.0], "a": [1.0], "num": [1.0], "den": [1.0, 0.5]}, "more than one filter"),
         ({"b": [1.0], "a": np.array([{}])}, "Object arrays cannot be loaded"),
     ],
@@ -200,7 +137,6 @@ def test_a_file_without_a_filter_is_refused(tmp_path, arrays, words):
         ([], "controller.numerator is empty"),
         (["numerator=[1]", "denominator=[0, 1]"], "the first coefficient must not be zero"),
         (["numerator=[nan]"], "controller.numerator = nan: must be a finite number"),
-        (["numerator=[1]", "denominator=[]"], "controller.denominator = []"),
         (["sections=[[1, 2, 3]]"], "section 0 has 3 numbers. Give six"),
         (["sections=[[1, 0, 0, 1, 0, 0], [1, 0, 0, 0, 0, 0]]"], "a0 of section 1 is zero"),
         (["numerator=[1]", "sections=[[1, 0, 0, 1, 0, 0]]"], "cannot stand beside"),

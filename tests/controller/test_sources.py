@@ -30,17 +30,6 @@ def test_a_file_that_is_not_used_does_not(law):
     assert digest_of(law) == before
 
 
-@pytest.mark.parametrize(
-    "words",
-    ["import shaping", "import shaping as s", "from shaping import late", "from . import shaping"],
-)
-def test_however_it_is_imported(law, words):
-    law.write_text(f"{words}\n")
-    before = digest_of(law)
-    law.with_name("tables.py").write_text("GAIN = 2.5\n")
-    assert digest_of(law) != before
-
-
 def test_shipped_laws_are_among_those_used(law, tmp_path, monkeypatch):
     """A version of hertzloop that changes them changes the law that builds on them."""
     shipped = tmp_path / "laws" / "slope_threshold.py"

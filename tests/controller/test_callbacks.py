@@ -1,11 +1,14 @@
-"""Ctrl-C while a law runs as Python in compiled code."""
+"""Laws as Python in compiled code: Ctrl-C while one runs, and a file that is given up in time."""
 
 import gc
 import signal
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 from hertzloop.loop.simulate import simulate
 from hertzloop.scene.setup import Setup, load
 
@@ -43,3 +46,20 @@ def test_ctrl_c_is_never_lost(after_ms, tmp_path):
         gc.enable()
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize("late_s", [-1e-4, 0.0])
+def test_at_the_last_moment_it_is_over_or_overdue_once(late_s):
+    """Whichever comes first, what follows is not interrupted any more."""
+    patience_s, interrupted = 0.003, 0
+    for _ in range(50):
+        with suppress(LawTimeout), given_up_in_time(patience_s):
+            until = time.perf_counter() + patience_s + late_s
+            while time.perf_counter() < until:
+                pass
+        try:
+            for _ in range(1000):
+                pass
+        except LawTimeout:
+            interrupted += 1
+    assert interrupted == 0
