@@ -14,7 +14,7 @@ import signal
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,13 +36,85 @@ from hertzloop.results.inspection import inspected
 from hertzloop.views.inspection import print_inspection
 from hertzloop.views.inspection_json import summary
 from tests.faults import page
-from tests.recordings.damaging import DAMAGES
 from tests.recordings.rewriting import record
 from tests.tables import markdown
 
 LONGEST_S = 120  # for one copy: far more than any takes, on a busy machine, too
 MOST_BYTES = 2 * 2**30
 SHOWN = 28  # each such copy is shown, too, which takes long: another kind every time
+
+
+Change = Callable[[bytearray, np.random.Generator], bytearray]
+
+
+def _region(content: bytearray, rng: np.random.Generator) -> tuple[int, int]:
+    """First byte and end of a part of a file, of any size."""
+    first = int(rng.integers(len(content)))
+    length = int(2 ** rng.uniform(0, 14))
+    return first, min(first + length, len(content))
+
+
+def cut(content: bytearray, rng: np.random.Generator) -> bytearray:
+    return content[: int(rng.integers(len(content)))]
+
+
+def flipped(content: bytearray, rng: np.random.Generator) -> bytearray:
+    for at in rng.integers(len(content), size=int(rng.integers(1, 5))).tolist():
+        content[at] ^= 1 << int(rng.integers(8))
+    return content
+
+
+def zeroed(content: bytearray, rng: np.random.Generator) -> bytearray:
+    first, end = _region(content, rng)
+    content[first:end] = bytes(end - first)
+    return content
+
+
+def scrambled(content: bytearray, rng: np.random.Generator) -> bytearray:
+    first, end = _region(content, rng)
+    content[first:end] = rng.bytes(end - first)
+    return content
+
+
+def inserted(content: bytearray, rng: np.random.Generator) -> bytearray:
+    first, end = _region(content, rng)
+    content[first:first] = rng.bytes(end - first)
+    return content
+
+
+def deleted(content: bytearray, rng: np.random.Generator) -> bytearray:
+    first, end = _region(content, rng)
+    del content[first:end]
+    return content
+
+
+def duplicated(content: bytearray, rng: np.random.Generator) -> bytearray:
+    first, end = _region(content, rng)
+    content[end:end] = content[first:end]
+    return content
+
+
+def swapped(content: bytearray, rng: np.random.Generator) -> bytearray:
+    (a, b), (c, d) = sorted((_region(content, rng), _region(content, rng)))
+    c, d = max(b, c), max(b, d)
+    return content[:a] + content[c:d] + content[b:c] + content[a:b] + content[d:]
+
+
+def appended(content: bytearray, rng: np.random.Generator) -> bytearray:
+    return content + rng.bytes(int(rng.integers(1, 2000)))
+
+
+DAMAGES: tuple[Change, ...] = (
+    cut,
+    flipped,
+    zeroed,
+    scrambled,
+    inserted,
+    deleted,
+    duplicated,
+    swapped,
+    appended,
+)
 
 
 @dataclass
@@ -198,13 +270,6 @@ def drawn(content: bytes, tries: int, seed: int) -> Copies:
         change = DAMAGES[number % len(DAMAGES)]
         random = np.random.default_rng([seed, number])
         yield change.__name__, bytes(change(bytearray(content), random))
-
-
-def everywhere(content: bytes, places: Iterable[int]) -> Copies:
-    """Copies cut off at a place, and with another bit there."""
-    for at in places:
-        yield f"cut at {at}", content[:at]
-        yield f"flipped at {at}", content[:at] + bytes([content[at] ^ 0x40]) + content[at + 1 :]
 
 
 def try_many(source: Path, folder: Path, copies: Copies) -> Tally:

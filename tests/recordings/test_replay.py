@@ -122,17 +122,8 @@ def test_the_reference_without_control_is_the_uncontrolled_run(file):
     shown = replaying.prepare(read(file))
     curves = {c.name: c for p in shown.plots for c in p.curves}
     assert curves["v_p_reference"].values.tobytes() == free.truth[V_P].tobytes()
-    data = hertzloop.read(file)
-    own = len(data.verdict)
-    assert shown.labels.lines[:own] == data.verdict
-    assert " to " in " ".join(data.verdict)  # a range, as the run prints it
-    lines = shown.labels.lines[own:]
-    assert lines[:2] == [
-        "R = 3 mm, steel, on 3 mm aluminium, drop 50 mm",
-        "slope_threshold, kappa 0.8, v_thr -0.25 m/s, lead 0 us, latency 0 us, ideal sensor",
-    ]
-    assert lines[2] == "Faint: the same without control."
-    assert "run.duration_s = 0.003 (0.35)" in lines[3]
+    assert shown.labels.lines[0] == hertzloop.read(file).verdict[0]
+    assert "Faint: the same without control." in shown.labels.lines
     energies = {c.name: c.values for p in shown.plots if p.key == "energy" for c in p.curves}
     parts = energies["sphere"] + energies["plate"] + energies["contact"] - energies["fed"]
     np.testing.assert_allclose(parts, parts[0], rtol=1e-9)
@@ -202,9 +193,7 @@ def test_the_users_mistakes(file, tmp_path, monkeypatch):
     taken = tmp_path / "taken.png"
     taken.touch()
     for words, sentence in (
-        (["none.mcap", "--save", tmp_path / "a.rrd"], "none.mcap"),
         ([file, "--screenshot", taken], "Choose another name with --screenshot"),
-        ([file, "--save", tmp_path / "nowhere" / "a.rrd"], "nowhere does not exist"),
         ([file, file, "--alone"], "--alone: cannot be combined with the recording"),
     ):
         result = call("replay", *words)
@@ -320,20 +309,9 @@ def beam(tmp_path_factory):
 
 def test_what_a_file_of_modes_does_not_say_is_not_drawn(beam, tmp_path):
     shown = replaying.prepare(beam)
-    told = as_rerun._about(shown, still=True)
-    assert "plate.modes.file = modes.csv" in told
-    assert "content" not in told
-    assert max(map(len, told.split())) < 50  # no base64
-    assert "has no shapes" in told
-    assert "Heights are drawn" not in told
     assert not shown.deflection.known
     assert shown.drawn.flat
-    assert as_rerun._surface_title(shown) == "Structure, drawn flat: its shapes are unknown"
-    # All of it is in sight: as large as the sphere asks for, the contact in its middle.
-    plate = shown.deflection
-    assert max(plate.size_m) < 30.0 * 0.01
-    np.testing.assert_allclose(
-        np.add(plate.low_m, np.array(plate.size_m) / 2.0), plate.contact_point_m
-    )
+    # All of it is in sight: as large as the sphere asks for.
+    assert max(shown.deflection.size_m) < 30.0 * 0.01
     as_rerun.save(shown, tmp_path / "beam.rrd")
     assert set(entities(tmp_path / "beam.rrd")) == (ENTITIES | FROM_LABELS | REFERENCE) - SCALE

@@ -1,46 +1,32 @@
-"""What a replay shows: decimated curves, spans and moments, the plate as drawn."""
+"""What a replay shows: decimated curves, spans and moments, the plate as drawn, what is sent."""
 
 import dataclasses
-import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from hertzloop.bus.messages_pb2 import ControllerReport, EventKind, RunEnd
+from hertzloop.bus import codec
+from hertzloop.bus.messages_pb2 import ControllerReport, EventKind, RunEnd, TruthBlock
 from hertzloop.recordings import joined_stream
 from hertzloop.recordings.joined_stream import JoinedStream
 from hertzloop.recordings.recording import Event, EventData, Recording
-from hertzloop.recordings.replay import axis_range, decimation, scene3d
+from hertzloop.recordings.replay import decimation, live, scene3d, spectrum
 from hertzloop.recordings.replay.contacts import ContactSpan, contact_spans, contacts_of
 from hertzloop.recordings.replay.decimation import (
     Decimator,
     enough,
-    extremes,
     full_rate_spans,
     within,
 )
 from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.recordings.replay.law_states import law_states
 from hertzloop.recordings.replay.moments import moments
-from hertzloop.recordings.replay.plots import Plot, PlotCurve, plots
+from hertzloop.recordings.replay.plots import LATE, plots
 from hertzloop.recordings.replay.replay_data import samples_at
-from tests.recordings.plates import flat_plate
 
 # Thinning and spans
-
-
-@pytest.mark.parametrize("count", [0, 1, 2, 99, 100, 101, 12_345])
-def test_decimation_keeps_ends_and_extremes_of_every_piece(count):
-    values = np.random.default_rng(1).normal(size=count)
-    kept = extremes(values, 100)
-    assert np.all(np.diff(kept) > 0)
-    assert len(kept) <= 104
-    if count:
-        assert (kept[0], kept[-1]) == (0, count - 1)
-        assert (values[kept].min(), values[kept].max()) == (values.min(), values.max())
 
 
 @pytest.mark.parametrize("held", [False, True])
@@ -61,14 +47,6 @@ def test_a_curve_of_fewer_samples_keeps_within_its_error(count, held):
         assert len(kept) < (800 if held else 200)
 
 
-def test_values_without_bound_are_kept_what_is_constant_is_not():
-    values = np.ones(4097)
-    assert len(enough(np.arange(4097), values, 0.0, held=False)) == 2
-    values[[10, 300, 301, 302]] = np.nan, np.inf, np.inf, -np.inf
-    kept = enough(np.arange(4097), values, 1e-3, held=False)
-    assert {9, 10, 11, 299, 300, 301, 302, 303} <= set(kept.tolist())
-
-
 def test_contacts_are_found_up_to_both_ends():
     xi = np.array([-1.0, 0.0, -1.0, -1.0, 1.0, -1.0])
     assert contact_spans(xi) == [(0, 1), (2, 4), (5, 6)]
@@ -78,14 +56,11 @@ def test_contacts_are_found_up_to_both_ends():
 
 def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts():
     assert full_rate_spans([(10, 20)], 1000) == [(0, 1000)]
-    assert full_rate_spans([], 0) == []
     assert full_rate_spans([], 1_000_000) == []
-    spans = full_rate_spans([(1000, 1030), (30_000, 30_030), (900_000, 900_030)], 1_000_000)
-    assert spans[0][0] == 0
-    assert all(a < b for a, b in spans)
-    assert all(one[1] <= other[0] for one, other in itertools.pairwise(spans))
-    for start, end in ((1000, 1030), (30_000, 30_030), (900_000, 900_030)):
-        assert any(a <= start and end <= b for a, b in spans)
+    contacts = [(1000, 1030), (30_000, 30_030), (900_000, 900_030)]
+    spans = full_rate_spans(contacts, 1_000_000)
+    assert np.all(np.diff(np.ravel(spans)) >= 0)
+    assert all(any(a <= s and e <= b for a, b in spans) for s, e in contacts)
     # However long the contacts are.
     spans = full_rate_spans([(0, 400_000), (500_000, 900_000)], 1_000_000)
     assert sum(b - a for a, b in spans) == decimation.FULL_RATE_SAMPLES
@@ -137,23 +112,6 @@ def test_samples_are_picked_across_the_seams_of_pieces(monkeypatch):
 # What is shown when
 
 
-def test_play_shows_the_first_contact_and_a_still_lies_shortly_after_it():
-    when = moments((0, 99_999_000), (1_000_000, 1_030_000), 1000)
-    assert when.selection_ns[0] < 1_000_000 < 1_030_000 < when.selection_ns[1] < 2_000_000
-    assert 1_030_000 < when.still_ns < when.selection_ns[1]
-
-
-@pytest.mark.parametrize("contact", [None, (0, 1), (0, 5), (4, 5)])
-@pytest.mark.parametrize("steps", [5, 1])
-def test_moments_stay_within_a_run_of_few_steps(contact, steps):
-    last_ns = 1000 * (steps - 1)
-    if contact is not None:
-        contact = 1000 * min(contact[0], steps - 1), 1000 * min(contact[1], steps)
-    when = moments((0, last_ns), contact, 1000)
-    assert 0 <= when.still_ns <= last_ns
-    assert 0 <= when.selection_ns[0] <= last_ns
-
-
 def test_states_of_the_law_come_from_its_events():
     events = [
         Event(1_000, "controller", 2, "...", EventData(EventKind.LAW_MODE, mode_before=0, mode=1)),
@@ -184,13 +142,11 @@ def test_states_of_the_law_come_from_its_events():
     ],
 )
 def test_what_was_measured_is_plotted_where_it_belongs(quantity, plot, factor):
-    fields = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
-    truth = JoinedStream(1, step_ns=1000, arrays={name: np.zeros(4) for name in fields})
     daq = JoinedStream(
         1, step_ns=1000, every_steps=2, scale=0.5, arrays={"code": np.array([1, -3])}
     )
     toml = f"[sensors]\nquantity = '{quantity}'"
-    recording = Recording(Path("a.mcap"), scene_toml=toml, truth=truth, daq=daq)
+    recording = Recording(Path("a.mcap"), toml, truth=truth_of_zeros(4), daq=daq)
     (found,) = [(p.key, c) for p in plots(recording, []) for c in p.curves if c.name == "measured"]
     assert found[0] == plot
     np.testing.assert_allclose(found[1].values, factor * np.array([0.5, -1.5]))
@@ -212,68 +168,106 @@ def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it():
 # The plate as drawn
 
 
-def bent_plate() -> Deflection:
-    x, y = np.linspace(0.0, 0.5, 21), np.linspace(0.0, 0.3, 13)
-    shape = np.outer(np.sin(np.pi * x / 0.5), np.sin(np.pi * y / 0.3))
-    w = np.array([0.0, -1e-5, 1e-5])[:, None, None] * shape
-    return Deflection(np.array([0, 1000, 2000]), x, y, w, (0.25, 0.15))
+# What is handed to the viewer
+
+STEP_S = 1e-6
+WIDTH, HEIGHT = 100.0, 28.0  # of the drawing of spectra, whose view is cut for it
+FIELDS = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
 
 
-def test_heights_are_drawn_by_a_round_factor_that_makes_them_visible():
-    drawn = scene3d.scale(bent_plate(), (0, 2000), 0.003)
-    assert drawn.heights == 2000.0  # 1e-5 m to 0.02 m, of a side of 0.3 m
-    assert drawn.sphere_radius_m > 0.003
-    assert scene3d.scale(flat_plate(np.array([0])), (0, 0), 0.05).heights == 1.0
-    # A span in which nothing moves: what comes later counts.
-    assert scene3d.scale(bent_plate(), (0, 0), 0.003).heights == 10_000.0
+class Drawn:
+    """Stands for a recording of the viewer: keeps what is sent, by entity."""
+
+    def __init__(self) -> None:
+        self.logged: dict[str, Any] = {}
+        self.columns: dict[str, tuple[list[int], list[Any]]] = {}
+
+    def log(self, path: str, what: object, static: bool) -> None:
+        assert static
+        self.logged[path] = what
+
+    def send_columns(self, path: str, indexes: list[Any], columns: Any) -> None:
+        [times], [column] = indexes, columns
+        times_ns = times.as_arrow_array().cast("int64").to_pylist()
+        self.columns[path] = times_ns, column.as_arrow_array().to_pylist()
+
+    def part(self, path: str, name: str) -> list[Any]:
+        """A component of an entity."""
+        found: list[Any] = getattr(self.logged[path], name).as_arrow_array().to_pylist()
+        return found
 
 
-def test_triangles_face_up_and_normals_agree_with_them():
-    plate = bent_plate()
-    drawn = scene3d.scale(plate, (0, 2000), 0.003)
-    corners = scene3d.vertices(plate, drawn)[1][scene3d.triangles(plate)]
-    faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert len(faces) == 2 * 20 * 12
-    assert np.all(faces[:, 2] > 0.0)
-    assert abs(faces[:, 2].sum() / 2 - 0.5 * 0.3) < 1e-6
-    normals = scene3d.normals(plate, drawn)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=-1), 1.0, rtol=1e-6)
-    at_first_corner = normals[1][scene3d.triangles(plate)[:, 0]]
-    unit = faces / np.linalg.norm(faces, axis=1)[:, None]
-    assert np.all((unit * at_first_corner).sum(axis=1) > 0.98)
-
-
-def test_the_sphere_rests_on_the_plate_in_contact_and_hovers_by_the_same_factor():
-    plate = bent_plate()
-    drawn = scene3d.scale(plate, (0, 2000), 0.003)
-    centres = scene3d.sphere_centres(plate, np.array([3e-5, -1.5e-5, 1e-5]), drawn)
-    bottom = centres[:, 2] - drawn.sphere_radius_m
-    # Near the plate by the same factor, high above it by less: 0.35 of the side at most.
-    squeezed = 0.105 * np.tanh(2000.0 * 3e-5 / 0.105)
-    np.testing.assert_allclose(bottom, [squeezed, -0.02, 0.02], rtol=1e-5)
-    far = scene3d.sphere_centres(plate, np.array([1.0, 1.0, 1.0]), drawn)
-    assert far[:, 2].max() - drawn.sphere_radius_m < 0.105 + 0.02 + 1e-6
-
-
-_finite = st.floats(allow_nan=False, allow_infinity=False)
-_column = st.one_of(
-    st.lists(st.floats(), max_size=6),
-    st.builds(lambda value, count: [value] * count, _finite, st.integers(1, 4)),
-)
-
-
-@given(
-    key=st.sampled_from(["gap", "force"]),
-    columns_drawn=st.lists(_column, min_size=1, max_size=2),
-    most=st.none() | st.floats(0.0, allow_infinity=False),
-    around=st.tuples(st.integers(-2, 8), st.integers(-2, 8)).map(sorted),
-)
-def test_any_column_has_a_range_to_be_drawn_in(key, columns_drawn, most, around):
-    """Empty, constant, of one sample, of huge and of damaged values."""
-    curves = tuple(
-        PlotCurve("xi", np.arange(len(values)), np.array(values, float)) for values in columns_drawn
+def test_a_sine_peaks_at_the_line_of_its_frequency():
+    t, frequencies_hz = STEP_S * np.arange(1 << 16), (1e3, 1e4)
+    shown: Any = Drawn()
+    spectra = [
+        spectrum.spectrum(f"{f:g} Hz", np.sin(2.0 * np.pi * f * t), STEP_S) for f in frequencies_hz
+    ]
+    spectrum.send(shown, spectra, [(1, 2, 3)] * 2)
+    axes = zip(
+        *(shown.part("spectrum/axes", part) for part in ("labels", "positions")), strict=True
     )
-    plot = Plot(key, "", curves, most)
-    for low, high in (axis_range.whole(plot), axis_range.zoomed(plot, (around[0], around[1]))):
-        assert np.isfinite([low, high, high - low]).all()
-        assert low < high
+    decades = {name: at for name, (at, _) in axes if "Hz" in name}
+    assert set(decades) == {"100 Hz", "1 kHz", "10 kHz", "100 kHz"}
+    for number, name in enumerate(("1 kHz", "10 kHz")):
+        line = np.array(shown.part(f"spectrum/line_{number}", "strips")[0])
+        assert line.min() >= -1e-3
+        assert np.all(line.max(axis=0) <= (WIDTH + 1e-3, HEIGHT + 1e-3))
+        # Up is small: the peak is the smallest.
+        assert abs(line[line[:, 1].argmin(), 0] - decades[name]) < 2.0 * WIDTH / len(line)
+
+
+def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit():
+    gap = np.array([3e-6, -2e-6, 1e-6])
+    rest = {name: np.zeros(3) for name in FIELDS[1:]}
+    shown: Any = Drawn()
+    block = TruthBlock(first_step=1000, step_ns=500)
+    sent = live.send_block(shown, codec.encode(block, xi_m=gap, **rest))
+    times, values = shown.columns["live/gap/xi"]
+    assert times == [500_000, 500_500, 501_000]
+    np.testing.assert_allclose(np.ravel(values), [3.0, -2.0, 1.0])
+    assert sent == sum(len(times) for times, _ in shown.columns.values())
+
+
+def test_what_was_measured_of_a_contact_after_a_hole_is_shown_in_full():
+    """Samples are missing before it: its own are not where they would be otherwise."""
+    count, hole, contact = 600_000, 50_000, ContactSpan(400_000, 400_400, 1.0, 1e-6)
+    values = np.random.default_rng(1).normal(size=count // 2 - hole // 2)
+    measured = JoinedStream(
+        1, step_ns=1000, every_steps=2, arrays={"value": values}, resumed=[(1000, 2000 + hole)]
+    )
+    recording = Recording(Path("a.mcap"), truth=truth_of_zeros(count), daq=measured)
+    shown = [c for p in plots(recording, [contact]) for c in p.curves if c.name == "measured"]
+    within = np.arange(contact.first, contact.end, 2) * 1000
+    assert set(within.tolist()) <= set(shown[0].time_ns.tolist())
+
+
+def truth_of_zeros(count: int, **more: np.ndarray) -> JoinedStream:
+    arrays = {name: np.zeros(count) for name in FIELDS}
+    return JoinedStream(1, step_ns=1000, arrays=arrays | more)
+
+
+@pytest.mark.parametrize("more", [{}, {LATE[2]: np.ones(4)}])
+def test_a_run_without_late_forces_has_no_plot_of_them(more):
+    recording = Recording(Path("a"), truth=truth_of_zeros(4, **more))
+    assert ("late" in {plot.key for plot in plots(recording, [])}) == bool(more)
+
+
+def test_the_actuators_force_is_an_arrow_to_scale_at_its_point():
+    x, y = np.linspace(0.0, 0.5, 6), np.linspace(0.0, 0.3, 4)
+    plate = Deflection(np.arange(4), x, y, np.zeros((4, 6, 4)), (0.25, 0.15))
+    drawn = scene3d.scale(plate, (0, 3), 0.003)
+    shown: Any = Drawn()
+    force_n = np.array([0.0, 10.0, -5.0, np.nan])
+    scene3d.send_actuator(shown, force_n, plate, (0.2, 0.1), drawn, 20.0)
+    ring = np.array(shown.part("scene/actuator", "strips")[0])
+    np.testing.assert_allclose(ring[:-1, :2].mean(axis=0), (0.2, 0.1), atol=1e-6)
+    away = np.hypot(*(ring[:, :2] - (0.2, 0.1)).T)
+    np.testing.assert_allclose(away, 1.5 * drawn.sphere_radius_m, rtol=1e-5)
+    assert shown.part("scene/actuator/name", "labels") == ["actuator, full arrow 20 N"]
+    arrows = np.array(shown.columns["scene/actuator/force"][1])[:, 0]
+    np.testing.assert_allclose(arrows[:, :2], 0.0)
+    # A full one is 0.16 of the shorter side; up is away from the plate.
+    np.testing.assert_allclose(
+        arrows[:, 2], 0.16 * 0.3 * np.array([0.0, 0.5, -0.25, 0.0]), rtol=1e-5
+    )

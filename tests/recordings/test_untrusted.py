@@ -16,7 +16,6 @@ from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.recordings import run_reader
 from hertzloop.recordings.mcap_records import MAGIC, RECORD_BYTES
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from tests.commands import call
 from tests.recordings.rewriting import Sent, messages, record, rewrite
@@ -137,15 +136,6 @@ def measured(*words: str) -> tuple[subprocess.CompletedProcess, float]:
     return done, peak * 1024.0
 
 
-def test_recovery_does_not_write_into_its_source(whole, tmp_path):
-    path = tmp_path / "a.mcap"
-    content = whole.read_bytes()[:-500]
-    path.write_bytes(content)
-    with pytest.raises(RecordingError, match="into itself"):
-        recover(path, path, overwrite=True)
-    assert path.read_bytes() == content
-
-
 def test_a_recording_that_changes_while_it_is_read(whole, tmp_path):
     """Samples that were kept are those of before; others are not there any more."""
     path = tmp_path / "a.mcap"
@@ -222,10 +212,3 @@ def test_no_text_of_a_recording_controls_the_terminal(evil, whole, tmp_path):
         assert done.exception is None or isinstance(done.exception, SystemExit), words
         if words[0] == "inspect":
             assert "\\x1b[2J\\x9b31m\\u202egnol\\u2066\\u200b[red]\\x7f" in done.output
-
-
-def test_bytes_behind_the_end_are_damage(whole, tmp_path):
-    path = tmp_path / "a.mcap"
-    for more in (b"\0", b"behind" * 100, whole.read_bytes()):
-        path.write_bytes(whole.read_bytes() + more)
-        assert any("damaged" in words for words in read(path).problems)

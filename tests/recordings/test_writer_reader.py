@@ -17,12 +17,15 @@ from mcap_protobuf.decoder import DecoderFactory
 import hertzloop.recordings.writer
 from hertzloop.bus.messages_pb2 import TruthBlock
 from hertzloop.bus.streams import STREAMS
+from hertzloop.recordings import writer
 from hertzloop.recordings.file_format import FORMAT_KEY, FORMAT_VERSION
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import SAMPLED, Recording
+from hertzloop.recordings.recovery import recover
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import parse
+from tests.commands import refused
 from tests.recordings.rewriting import messages, record, rewrite, scene
 
 STEPS, STEP_NS = 2500, 1000
@@ -214,19 +217,6 @@ class TestWriter:
 
 
 class TestFromElsewhere:
-    @pytest.mark.parametrize("content", [b"", b"hello", b"\x89MCAP0\r\n"])
-    def test_no_mcap(self, tmp_path, content):
-        path = tmp_path / "strange.mcap"
-        path.write_bytes(content)
-        with pytest.raises(RecordingError, match=r"strange\.mcap.*not an? (MCAP )?recording"):
-            read(path)
-
-    def test_no_file(self, tmp_path):
-        with pytest.raises(RecordingError, match=r"cannot read .*none\.mcap: there is no such"):
-            read(tmp_path / "none.mcap")
-        with pytest.raises(RecordingError, match=r"cannot read .*: Is a directory"):
-            read(tmp_path)
-
     @pytest.mark.parametrize("topic", ["/imu", "/truth", "/end"])
     def test_an_mcap_without_our_streams(self, tmp_path, topic):
         """Topics may even have our names; what is in them is not ours."""
@@ -263,3 +253,39 @@ def test_a_recording_without_a_controller_says_so(tmp_path):
         "the controller announced no end: counts cannot be reconciled",
         "stream 'truth' ends at step 0 of 10",
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "found"),
+    [
+        ("FORMAT_VERSION", "999", "has format version '999'"),
+        ("FORMAT_VERSION", "7\n" + 99 * "7", f"has format version '{20 * '7'}'"),
+        ("FORMAT_KEY", "format", "has no format version"),
+    ],
+)
+def test_another_format_version_is_refused(tmp_path, monkeypatch, name, value, found):
+    monkeypatch.setattr(writer, name, value)
+    monkeypatch.setattr(writer, "PROFILE", "hertzloop")
+    path = record(tmp_path / "a.mcap")
+    sentence = (
+        f"{path} {found}, this hertzloop reads format version {FORMAT_VERSION}. Record the run "
+        "again, or read the file with the version of hertzloop that wrote it."
+    )
+    with pytest.raises(RecordingError) as not_read:
+        read(path)
+    assert str(not_read.value) == sentence
+    with pytest.raises(RecordingError) as not_recovered:
+        recover(path, tmp_path / "b.mcap")
+    assert str(not_recovered.value) == f"nothing to recover: {sentence}"
+    for words in (["inspect"], ["replay", "--save", str(tmp_path / "a.rrd")]):
+        refused(found, *words, path)
+
+
+def test_a_damaged_format_version_does_not_make_a_recording_unreadable(tmp_path):
+    path = record(tmp_path / "a.mcap")
+    content = bytearray(path.read_bytes())
+    content[content.index(FORMAT_KEY.encode())] ^= 0x40
+    path.write_bytes(content)
+    kept = read(path)
+    assert "the file's description has no format version, unlike its header" in kept.problems
+    assert kept.truth.samples == 2500
