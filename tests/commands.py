@@ -1,8 +1,6 @@
 """Call a command line within this process."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -49,15 +47,3 @@ def refused(sentence: str, *words: object) -> str:
 def as_options(settings: Iterable[str]) -> list[str]:
     """`--set KEY=VALUE` for each setting."""
     return [word for setting in settings for word in ("--set", setting)]
-
-
-def run_and_inspected(folder: Path, *settings: str) -> list[tuple[str, Any]]:
-    """What `run --details` and `inspect --details` print of a compiled run, and what they write."""
-    file, found = str(folder / "a.mcap"), []
-    run = ["run", "aluminium-3mm", "--transport", "compiled", "--out", file, *as_options(settings)]
-    for words in (run, ["inspect", file]):
-        report = folder / f"{words[0]}.json"
-        done = invoke([*words, "--details", "--json", str(report)])
-        assert done.exit_code == 0, done.output
-        found.append((done.output, json.loads(report.read_text())))
-    return found

@@ -6,7 +6,7 @@
 import inspect
 import pkgutil
 import re
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ NAMES = {
         controller.law.Response controller.law.kernel""",
     "pytest": """pytest_plugin.hertzloop_run pytest_plugin.RequirementFailed""",
 }
-_PART = re.compile(r"^(Args|Attributes|Returns|Raises|Yields):$")
+_PART = re.compile(r"^(Args|Attributes|Returns|Raises):$")
 _ITEM = re.compile(r"^(\w+): (.*)$")
 
 
@@ -74,7 +74,7 @@ def entry(named: Any) -> list[str]:
         lines += [f"| {what} | meaning |", "|---|---|"]
         lines += [f"| `{name}` | {_cell(meaning)} |" for name, meaning in rows.items()]
         lines.append("")
-    for part in ("Returns", "Yields", "Raises"):
+    for part in ("Returns", "Raises"):
         if text := parts.get(part):
             lines += [f"{part}: {_sentence(text)}", ""]
     return lines
@@ -109,23 +109,12 @@ def _rows(named: Any, parts: dict[str, str]) -> dict[str, str]:
         for one in fields(named):
             if not one.name.startswith("_"):
                 rows.setdefault(one.name, one.metadata.get("meaning", ""))
-    models = getattr(named, "model_fields", {})
-    for name, field in models.items():
-        rows.setdefault(name, field.description or "")
-    if issubclass(named, Exception):
-        return rows
     for name, member in vars(named).items():
         is_public = not name.startswith("_") and callable(getattr(member, "__get__", None))
-        if is_public and not is_dataclass_default(named, name) and (text := inspect.getdoc(member)):
+        if is_public and (text := inspect.getdoc(member)):
             shown = f"{name}()" if inspect.isfunction(member) else name
             rows[shown] = parts_of(text)[0]
     return {name: meaning for name, meaning in rows.items() if meaning}
-
-
-def is_dataclass_default(named: type, name: str) -> bool:
-    """Whether a name of a class is the default of a field."""
-    found = getattr(named, "__dataclass_fields__", {}).get(name)
-    return found is not None and found.default is not MISSING
 
 
 def _items(text: str) -> dict[str, str]:

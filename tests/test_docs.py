@@ -64,7 +64,6 @@ def test_documented_commands_exist(page):
 
 
 PROGRAM = re.compile(r"python -m ((?:benchmarks|paper)\.\w+)((?: [^`\n]*)?)")
-PROGRAM_OF_TESTS = re.compile(r"python -m (tests\.[\w.]+)")
 
 
 @pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
@@ -75,11 +74,7 @@ def test_documented_programs_exist(page):
         options = {option for param in command.params for option in param.opts}
         for word in rest.split():
             assert not word.startswith("-") or word.partition("=")[0] in options, (name, word)
-
-
-@pytest.mark.parametrize("page", EVERY, ids=lambda page: page.name)
-def test_documented_programs_of_tests_exist(page):
-    for name in PROGRAM_OF_TESTS.findall(page.read_text()):
+    for name in re.findall(r"python -m (tests\.[\w.]+)", page.read_text()):
         assert importlib.util.find_spec(name), name
 
 
@@ -157,3 +152,12 @@ def test_named_files_exist(page):
 
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 90
+
+
+def test_the_tour_leads_through_names_that_exist():
+    tour = (DOCS / "explanation" / "tour.md").read_text()
+    stops = re.findall(r"^\| \d+ \| `(.+?)` \| `(.+?)` \|", tour, re.M)
+    assert len(stops) == 28
+    for file, name in stops:
+        defined = rf"^(?:(?:def|class) {name}\b|{name}\b.* = )"
+        assert re.search(defined, (ROOT / file).read_text(), re.M), (file, name)

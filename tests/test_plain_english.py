@@ -117,10 +117,3 @@ def test_errors_have_no_coined_words(folder):
         if (words := coined(text))
     }
     assert found == {}
-
-
-def test_a_coined_word_and_a_long_sentence_are_found():
-    assert coined("The struck point is kept in the books.") != []
-    assert coined("A notebook holds the contact point.") == []
-    assert max(len(one.split()) for one in sentences("word " * 36 + "end.\n\nShort.")) == 37
-    assert list(sentences(prose("One.\n\n```\n" + "word " * 50 + "\n```\n"))) == ["One."]

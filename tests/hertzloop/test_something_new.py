@@ -1,12 +1,13 @@
 """A new scheme, structure, quantity and stream need what docs/explanation/architecture.md says."""
 
 import os
+import shutil
 from pathlib import Path
 
 import pytest
 
 from tests.hertzloop.commands import hertzloop, python
-from tests.hertzloop.own_laws import ROOT
+from tests.hertzloop.own_laws import EXAMPLES, ROOT
 from tests.hertzloop.scenes import json_in
 
 SCHEME = """
@@ -360,3 +361,48 @@ def test_a_quantity_is_a_row_of_one_table(tmp_path):
 def test_a_stream_is_a_message_and_a_row_of_one_table(tmp_path):
     """Numbering, counts, recorder, reader and comparison follow."""
     run(STREAM, tmp_path)
+
+
+TABLE = """
+from dataclasses import dataclass
+
+import numpy as np
+from own_beam import Beam, made
+
+@dataclass(frozen=True)
+class TableBeam(Beam):
+    {field}
+
+def table(description):
+    beam = made(description)
+    return TableBeam(**vars(beam), {value})
+"""
+# One program, since a structure is added to the table of a process.
+SCRIPT = """
+import hertzloop
+from hertzloop.plant.structures.registry import STRUCTURES, Kind
+
+STRUCTURES.update(beam=Kind("own_beam:made"), array=Kind("array_beam:table"),
+                  listed=Kind("listed_beam:table"))
+for theory in STRUCTURES:
+    if theory not in ("beam", "array", "listed"):
+        continue
+    scene = hertzloop.load("own_beam.toml", {"plate.theory": theory, "contact.plasticity": "none"})
+    energy_j = hertzloop.simulate(scene).metrics.first_impact.plate_energy_j
+    swept = hertzloop.sweep(scene, {"controller.latency_us": [0, 2]}).plate_energy_db.values
+    print(energy_j, *swept)
+"""
+
+
+def test_a_structure_may_have_arrays_in_its_fields(tmp_path):
+    """A table of its own changes nothing of a beam."""
+    for name in ("own_beam.py", "own_beam.toml"):
+        shutil.copy(EXAMPLES / name, tmp_path)
+    for name, field, value in (
+        ("array", "table: np.ndarray", "table=np.arange(5.0)"),
+        ("listed", "table: list", "table=[np.eye(2), {'x': 1.0}]"),
+    ):
+        (tmp_path / f"{name}_beam.py").write_text(TABLE.format(field=field, value=value))
+    beam, array, listed = python("-c", SCRIPT, cwd=tmp_path).stdout.splitlines()
+    assert beam == array == listed
+    assert float(beam.split()[0]) == pytest.approx(0.489429e-3, rel=1e-6)

@@ -49,8 +49,10 @@ def test_first_run_of_a_new_user(here):
     assert max(map(abs, data["residuals"].values())) < 1e-10
     assert len(data["impacts"]) == 1
     assert len(data["uncontrolled"]["impacts"]) == 7
-    for impact in data["impacts"] + data["uncontrolled"]["impacts"]:
-        assert set(impact) == {
+    assert (
+        {*data["impacts"][0]}
+        == {*data["uncontrolled"]["impacts"][0]}
+        == {
             "start_s",
             "duration_s",
             "impact_speed_m_s",
@@ -59,24 +61,8 @@ def test_first_run_of_a_new_user(here):
             "plate_energy_j",
             "plate_speed_max_m_s",
         }
+    )
     assert "--overwrite" in refused("aluminium-20mm.mcap exists", "run")
-
-
-@pytest.mark.full
-def test_the_details_of_a_run_have_six_rows(here):
-    told = succeed("run", "aluminium-3mm", *SHORT, "--json", "a.json", "--details")
-    for words in (
-        "run aluminium-3mm, seed ",
-        "time 1,",
-        "plate 564 frequencies up to 244.7 kHz",
-        "contact at most ",
-        "actuator ",
-        "residuals energy ",
-    ):
-        assert words in told, words
-    assert json_in(here / "a.json")["model"]["plate_model"] == "modal"
-    succeed("run", "thesis-oak", *SHORT, "--json", "t.json", "--details")
-    assert json_in(here / "t.json")["model"] is None
 
 
 def test_a_run_on_an_infinite_plate(here):
@@ -99,12 +85,8 @@ def test_a_run_on_an_infinite_plate(here):
     assert data["expected_error"] <= data["requested_accuracy"]
     assert data["verification"]["largest"] <= data["requested_accuracy"]
     # Asked for where reflections matter, it is taken, and the table says what that costs.
-    for duration_s, sentence in (
-        (0.0012, "(requested: 0.001; missed)"),
-        (0.01, "by the run's end is not known"),
-    ):
-        asked = as_options(["run.plate_model=infinite", f"run.duration_s={duration_s}"])
-        assert sentence in succeed(*run, *asked)
+    asked = as_options(["run.plate_model=infinite", "run.duration_s=0.0012"])
+    assert "(requested: 0.001; missed)" in succeed(*run, *asked)
 
 
 def test_nothing_is_overwritten_unasked(here):
@@ -144,7 +126,6 @@ def test_compare_shows_metrics_of_two_laws(here):
         succeed(*run, *law_of, "--out", f"{name}.mcap", "--json", f"{name}.json")
     told = succeed("compare", "a.mcap", "b.mcap", "--metrics", "--json", "c.json")
     assert "force_feedback" in told
-    assert "plate energy" in told
     a, b, c = (json_in(here / f"{name}.json") for name in "abc")
     rows = {(row["span"], row["metric"]): row for row in c["metrics"]}
     for (span, metric), row in rows.items():

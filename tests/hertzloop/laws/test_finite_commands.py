@@ -1,6 +1,5 @@
 """Every force of a shipped law is a finite number, at every key that a scene accepts."""
 
-import math
 from dataclasses import replace
 from functools import cache
 from typing import Any, Literal, get_args, get_origin
@@ -11,11 +10,9 @@ from annotated_types import Ge, Le
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic.fields import FieldInfo
-from scipy.integrate import solve_ivp
 
 from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law import WHOLE_STEPS, LawContext
-from hertzloop.controller.laws._local_model import acceleration, look_ahead
 from hertzloop.controller.loading.registry import find, shipped
 from hertzloop.processes.law_trial import impact_samples
 from hertzloop.scene.controller import law_context, loaded_law
@@ -99,36 +96,6 @@ def test_the_law_that_predicts_does_not_push_where_the_contact_is_long_over(name
     longest = {"controller.law": "predicted", "controller.latency_us": 1e6}
     scene = load(name).vary(longest | LONGER)
     assert np.abs(commands(scene, samples_of(scene, 1.0, 0.0, 0))).max() < 1e-100
-
-
-@pytest.mark.parametrize(
-    ("name", "every", "ahead"), [("oak-20mm", 1, 10_000), ("aluminium-3mm", 100, 3)]
-)
-def test_the_model_of_the_law_that_predicts_is_solved_at_any_step(name, every, ahead):
-    scene = load(
-        name,
-        ["controller.law=predicted", f"sensors.every_steps={every}", "controller.window_samples=2"],
-    )
-    p = loaded_law(scene).constants(scene.scene.controller.keys, known(scene)[1])
-    speed = -known(scene)[1].impact_speed_m_s
-    xi = speed * -2e-6  # the contact begins 2 us later
-    samples = np.array([xi - 0.5 * speed * p.sample_s, xi + 0.5 * speed * p.sample_s])
-    solved = solve_ivp(
-        lambda t, y: [y[1], acceleration(p, y[0], y[1])],
-        (0.0, (ahead + 0.5) * p.sample_s),
-        [xi, speed],
-        method="LSODA",
-        rtol=1e-9,
-        atol=1e-16,
-    )
-    found, slope, touches, _ = look_ahead(p, samples, 1, float(ahead))
-    assert math.isclose(touches, 2e-6 / p.sample_s - 0.5, rel_tol=1e-6)
-    deepest = -solved.y[0].min()
-    if solved.y[0, -1] > 0.0:  # it has left: no force
-        assert found > 0.0
-        assert math.isclose(slope, solved.y[1, -1], rel_tol=0.05)
-    else:
-        assert math.isclose(found, solved.y[0, -1], abs_tol=0.02 * deepest)
 
 
 @pytest.mark.parametrize("law", shipped())

@@ -114,9 +114,9 @@ def test_sweep_and_tune(here):
     header = json_in(here / "r.csv.json")
     (about,) = header["laws"].values()
     assert about["source"] == (here / "mine.py").read_text()
-    tuned = ["tune", "aluminium-3mm", "--law", "mine.py", "--set", SHORT]
-    small = ["--generations", "2", "--population", "4", "--json", "t.json"]
-    succeed(*tuned, "--minimise", "plate_energy_db", *small)
+    tuned = ["tune", "aluminium-3mm", "--law", "mine.py", "--set", SHORT, "--json", "t.json"]
+    small = ["--generations", "1", "--population", "4", "--minimise", "plate_energy_db"]
+    succeed(*tuned, *small)
     (best,) = json_in(here / "t.json")["front"]
     assert set(best["values"]) == {"controller.law", "controller.kappa", "controller.corner_hz"}
 

@@ -69,10 +69,3 @@ def test_mobility_force_solves_its_equation(source):
     assert np.abs(wrong[middle]).max() < 0.02 * np.abs(spring / m * force).max()
     assert force[0] == 0.0
     assert force[1] / h == pytest.approx(spring * v, rel=0.1)
-
-
-def test_every_name_makes_a_force():
-    for name in [*SHAPES, "F_mobility"]:
-        scene = load("thesis-aluminium", [*PRECOMPUTED, f"controller.precomputed={name}"])
-        force = profile_of(scene)
-        assert np.abs(force).max() > 1.0, name

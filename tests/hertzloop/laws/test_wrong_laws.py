@@ -246,16 +246,6 @@ def test_a_broken_promise_ends_the_run(here, function, transport):
 
 
 @pytest.mark.parametrize("function", BROKEN)
-def test_a_broken_promise_fails_a_case_of_a_sweep(here, function):
-    (here / "mine.py").write_text(BROKEN[function])
-    words = [*LONGER, "--set", "controller.law=mine.py", "--workers", "1", "--span", "run"]
-    result = call("sweep", "aluminium-3mm", *words, "--over", "controller.latency_us=0,1")
-    assert result.exit_code == 1
-    assert f"at sample 3000, commanded 2.0 N, but its {function} had " in said(result)
-    assert "2 of 2 cases" in said(result)
-
-
-@pytest.mark.parametrize("function", BROKEN)
 def test_a_simulation_refuses_a_promise_that_the_trial_breaks(here, function):
     """Even one that ends before the sample at which the law breaks it."""
     (here / "mine.py").write_text(BROKEN[function].replace("3000", "370"))

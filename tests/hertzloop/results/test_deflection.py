@@ -7,9 +7,8 @@ import pytest
 
 from hertzloop.plant.metrics.impacts import modal_displacement
 from hertzloop.recordings.recording import Recording
-from hertzloop.recordings.replay.contacts import contact_spans
 from hertzloop.recordings.replay.deflection import Deflection
-from hertzloop.results.deflection import deflection, frame_steps
+from hertzloop.results.deflection import deflection
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import Setup, load
 from tests.hertzloop.scenes import aluminium_3mm, recorded
@@ -67,21 +66,3 @@ def test_the_grid_has_a_node_at_the_contact_point_wherever_it_is(tmp_path):
         assert axis[0] == 0.0
         assert axis[-1] == 0.5
         assert np.all(np.diff(axis) > 0.0)
-
-
-def test_frames_are_dense_at_the_first_contact_and_bounded():
-    xi = np.ones(1_000_000)
-    for start in range(5_000, 1_000_000, 20_000):
-        xi[start : start + 30] = -1.0
-    frames = frame_steps(len(xi), contact_spans(xi))
-    assert len(frames) <= 700
-    assert np.all(np.diff(frames) > 0)
-    assert set(range(5_000, 5_030)) <= set(frames.tolist())
-    assert (frames[0], frames[-1]) == (0, 999_999)
-
-
-def test_a_recording_without_contact_shows_a_plate_at_rest(tmp_path):
-    recording, plate = replayed(tmp_path, aluminium_3mm("run.duration_s=5e-4"))
-    assert recording.truth.arrays["xi_m"].min() > 0.0
-    assert not plate.w_m.any()
-    assert frame_steps(1, []).tolist() == [0]

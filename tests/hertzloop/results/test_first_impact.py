@@ -12,7 +12,6 @@ import pytest
 import hertzloop
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.metrics import impact_kernels
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import CaseMetrics, metrics_of_case
@@ -175,6 +174,8 @@ def test_everything_says_the_same_of_the_first_impact(reports_of, law):
               for told in (it.run, it.inspect)]  # fmt: skip
     assert ranges[0] == ranges[1]
     for found in it.python:
+        assert found.verdict == it.run["verdict"]
+        assert asdict(found.metrics.first_impact) == near(first)
         assert found.impacts[0].plate_energy_j == energy
         assert found.noise[0].plate_speed_max_m_s == near(first["plate_speed_max_m_s"])
         assert found.noise[0].radiated_j == near(first["radiated_j"])
@@ -224,28 +225,3 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path):
     rows = hertzloop.read(tmp_path / "run.mcap").rows
     shown = [*shown_rows(rows), *further_rows(rows)]
     assert all(cell in page for row in shown for cell in cells_of(row))
-
-
-def followed(f_c: list[float], f_a: list[float], gap: list[float], line: int = 0) -> list[int]:
-    """Where an impact ends and whether it is over, 3 steps of silence being enough."""
-    impact = impact_kernels.new_follower(3, line)
-    impact_kernels.follow_steps(impact, *(np.array(row, float) for row in (f_c, f_a, gap)))
-    return [int(impact.counts[i]) for i in (impact_kernels.END, impact_kernels.OVER)]
-
-
-def test_an_impact_is_over_with_its_last_force_or_the_next_contact():
-    contact, nothing = [1, 1, 0, 0, 0, 0, 0, 0, 0, 0], [0] * 10
-    rising = [-1, -1, 1, 2, 3, 4, 5, 6, 7, 8]
-    falling = [-1, -1, 1, 2, 3, 4, 3, 2, 1, 0.5]
-    late = [0, 0, 0, 0, 0, 0, 0, 0, 0, 9]
-    assert followed(contact, nothing, rising) == [2, 0]
-    assert followed(contact, [0, 5, 5, 5, 0, 0, 0, 0, 0, 0], rising) == [4, 0]
-    assert followed(contact, late, rising) == [10, 0]
-    # The sphere is on its way back: such a force meets the next contact.
-    assert followed(contact, late, falling) == [2, 1]
-    # It was on its way since the contact.
-    assert followed(contact, late, falling, line=5) == [10, 0]
-    # It has not been silent for long enough.
-    assert followed(contact, [0, 0, 0, 0, 0, 0, 9, 0, 0, 9], falling) == [10, 0]
-    again = [1, 1, 0, 0, 1, 1, 0, 0, 0, 0]
-    assert followed(again, [0, 0, 9, 0, 9, 9, 9, 9, 0, 0], rising) == [3, 1]

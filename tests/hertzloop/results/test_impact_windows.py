@@ -50,29 +50,6 @@ def test_blocks_do_not_count(name):
         assert [one.contact_n.tobytes() for one in cut] == [o.contact_n.tobytes() for o in whole]
 
 
-@pytest.mark.parametrize(
-    ("name", "more"),
-    [
-        ("aluminium-3mm", []),
-        ("aluminium-3mm", ["run.duration_s=0.00105"]),  # ends in the first contact
-        ("aluminium-3mm", ["contact.plasticity='thornton'", "actuator.bandwidth_hz=20000"]),
-        ("aluminium-3mm", ["run.plate_model='infinite'", "run.duration_s=0.0016"]),
-    ],
-)
-def test_the_first_impact_alone_has_the_same_bits(name, more):
-    scene = load(name, ["run.duration_s=0.015", *more])
-    rows = simulate(scene).truth
-    alone, among = first_impact(scene, rows), impacts_of_truth(scene, rows)[0]
-    assert metrics([alone]) == metrics([among])
-    assert alone.contact_n.tobytes() == among.contact_n.tobytes()
-    assert (alone.start, alone.end, alone.over, alone.ended) == (
-        among.start,
-        among.end,
-        among.over,
-        among.ended,
-    )
-
-
 def test_rows_without_a_contact_have_no_first_impact():
     scene = aluminium_3mm()
     rows = simulate(scene, steps=100).truth

@@ -8,7 +8,7 @@ import pytest
 from hertzloop.loop.simulate import simulate
 from hertzloop.scene.build import free_series
 from hertzloop.scene.setup import load
-from tests.commands import call, succeed
+from tests.commands import call
 from tests.hertzloop.scenes import json_in
 from tests.recordings.rewriting import Sent, record, rewrite
 
@@ -33,15 +33,6 @@ def test_a_balance_that_is_not_finite_is_told_of(whole, tmp_path):
     assert not found["complete"]
     assert any(said in problem for problem in found["problems"])
     assert found["impacts"]
-
-
-def test_an_error_that_nobody_knows_is_no_damage(whole, tmp_path):
-    def change(sent: Sent) -> None:
-        if sent.stream == "balance":
-            sent.header.expected_error = math.inf
-
-    path = rewrite(whole, tmp_path / "b.mcap", change)
-    assert "Complete" in succeed("inspect", str(path))
 
 
 def test_uncontrolled_rows_are_those_of_a_run_without_control():

@@ -1,18 +1,24 @@
-"""An unstable loop is called so, from when on, and no other one is."""
+"""An unstable loop is called so, from when on, and no other one is; its numbers stay finite."""
+
+import re
 
 import numpy as np
 import pytest
 
 from hertzloop.controller.loading.registry import shipped as shipped_laws
+from hertzloop.loop import events as loop_events
 from hertzloop.loop.simulate import simulate
+from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
-from hertzloop.results.cases import metrics_of_case
+from hertzloop.results.cases import CaseState, UnstableLoop, metrics_of_case
 from hertzloop.results.stability import UNSTABLE, Stability, StabilityAccumulator
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup, load
+from hertzloop.studies.cases.evaluate import run_case
+from hertzloop.studies.cases.rows import without_result
 from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.results.test_impact_windows import in_blocks
-from tests.hertzloop.scenes import aluminium_3mm, json_in
+from tests.hertzloop.scenes import aluminium_3mm, json_in, recorded
 
 SHORT = "run.duration_s=0.0015"
 EXPLODES = [
@@ -153,3 +159,39 @@ def test_a_law_that_declares_itself_open_loop_is_never_unstable(tmp_path):
         found.append(stability_of(scene, simulate(scene).truth).unstable)
         assert bool(loaded_law(scene).not_linear) is bool(declared)
     assert found == [True, False]
+
+
+RUN = ["run.accuracy=0.05", "run.duration_s=0.004"]
+AWAY = [("velocity_feedback", 3.0), ("acceleration_feedback", -2.0)]
+
+
+@pytest.mark.parametrize(("law", "kappa"), AWAY)
+def test_a_runaway_is_an_unstable_case(law, kappa):
+    scene = aluminium_3mm(*RUN, f"controller.law={law}", f"controller.kappa={kappa}")
+    with pytest.raises(UnstableLoop, match="the closed loop is unstable: the actuator exchanges"):
+        metrics_of_case(scene, "run")
+    row = run_case(scene, "run", 0, {})
+    assert row["state"] == CaseState.UNSTABLE
+    assert row["status"].startswith("the closed loop is unstable")
+    assert not without_result([row])
+    run = simulate(scene)
+    assert np.isfinite(run.truth).all()
+    assert abs(run.truth[F_A]).max() == MOST_N
+    assert abs(run.balance.energy_residual) < 1e-9
+
+
+def test_events_that_are_too_many_are_counted(tmp_path, monkeypatch):
+    """However the samples come in blocks."""
+    monkeypatch.setattr(loop_events, "MOST", 1)
+    scene = aluminium_3mm(*RUN)
+    told = []
+    for compiled in (True, False):
+        file = tmp_path / f"{compiled}.mcap"
+        events = recorded(scene, file, compiled).events
+        told.append([(event.name, event.time_ns, event.message) for event in events])
+    assert sorted(told[0]) == sorted(told[1])
+    for name in ("plant", "controller"):
+        *listed, last = [event for event in told[0] if event[0] == name]
+        assert len(listed) == 1
+        assert last[1] == scene.steps * scene.step_ns - scene.step_ns
+        assert re.fullmatch(r"\d+ further events are not listed", last[2])

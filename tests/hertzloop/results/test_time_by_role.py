@@ -2,7 +2,6 @@
 
 import pytest
 
-from tests.commands import call
 from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.scenes import json_in
 from tests.tiers import default
@@ -29,11 +28,3 @@ def test_the_parts_lie_within_the_wall_time(way, tmp_path):
     row = row_of(done.stdout)
     assert row.startswith(f"plant {busy['plant']:.3g} s, controller ")
     assert f"the plant waited {waited_s:.3g} s, {waited_s / data['wall_s']:.0%}" in row
-
-
-def test_one_process_has_no_parts(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    done = call("run", *SHORT, "--transport", "compiled", "--details", "--json", "a.json")
-    assert row_of(done.output).startswith("not known: all roles share one process, and none waits")
-    data = json_in("a.json")
-    assert (data["busy_s"], data["waited_s"]) == ({}, 0.0)

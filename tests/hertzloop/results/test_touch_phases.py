@@ -4,7 +4,6 @@ import pytest
 
 import hertzloop
 from hertzloop.results.metric_rows import row_of
-from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = {"run.duration_s": 0.0015}
 
@@ -46,25 +45,6 @@ def test_without_a_phase_there_is_no_range(keys):
     known = [row.value for row in run_of("aluminium-3mm", SHORT | keys).rows if row.value.most > 0]
     assert known
     assert all(value.least == value.most for value in known)
-
-
-def test_a_whole_run_whose_impacts_are_not_predictable_is_not_repeated():
-    rows = hertzloop.simulate(aluminium_3mm("run.duration_s=0.35").scene).rows
-    first, whole, contacts = (
-        row_of(rows, span, metric)
-        for span, metric in (
-            ("first_impact", "plate_energy_j"),
-            ("whole_run", "plate_energy_j"),
-            ("whole_run", "contacts"),
-        )
-    )
-    assert first is not None
-    assert whole is not None
-    assert contacts is not None
-    assert first.value.most > first.value.least
-    assert whole.value.most == whole.value.least
-    assert not whole.value.known
-    assert not contacts.value.known
 
 
 def test_the_published_scheme_has_the_digits_of_its_numbers():

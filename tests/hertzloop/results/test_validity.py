@@ -128,24 +128,6 @@ def test_run_inspect_validity_and_sweep_tell_the_same(tmp_path, monkeypatch):
     assert beyond == {"yield": 2, "plate theory (energy)": 1}
 
 
-def test_effects_of_a_plate_need_one(tmp_path, monkeypatch):
-    """A structure of a file without a thickness has none."""
-    monkeypatch.chdir(tmp_path)
-    modes = ["frequency_hz,loss_factor,modal_mass_kg,shape_contact"]
-    modes += [f"{100 * n * n},0.01,0.5,{1 if n % 2 else 0.5}" for n in range(1, 40)]
-    (tmp_path / "m.csv").write_text("# residual_flexibility_m_n = 1e-9\n" + "\n".join(modes))
-    text = (
-        "name = 'm'\n[plate]\nmaterial = 'steel'\nmodes = 'm.csv'\n[sphere]\n"
-        "material = 'steel'\nradius_m = 0.005\ndrop_height_m = 0.05\n"
-        "[controller]\nlaw = 'off'\n[run]\nduration_s = 0.0013\n"
-    )
-    (tmp_path / "m.toml").write_text(text)
-    done = invoke(["scene", "check", "m.toml"])
-    assert done.exit_code == 0, done.output
-    assert " nan " not in done.output
-    assert "Not evaluated: contact against plate, plate theory" in done.output
-
-
 def test_an_unstable_loop_and_a_run_without_contact_have_none():
     unstable = neglected_of_scene(
         load("aluminium-20mm", ["controller.law=velocity_feedback", "controller.kappa=0.4"])

@@ -46,7 +46,6 @@ LINES = {
         "controller.drop_out_probability=0.2",
         "run.touch_phase=random",
     ],
-    "force": ["controller.law=force_feedback"],
     "acceleration": ["controller.law=acceleration_feedback", "sensors.low_pass_hz=1e5"],
 }
 

@@ -1,6 +1,5 @@
 """Materials: shipped ones, a file of one's own, tables, single numbers; and the labels."""
 
-from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +7,6 @@ import pytest
 
 from hertzloop.plant.structures.materials import MATERIALS, Material
 from hertzloop.results.cases import metrics_of_case
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import shipped_text
 from hertzloop.scene.setup import Setup, load, parse
 from hertzloop.scene.toml import to_toml
@@ -69,25 +67,3 @@ def test_numbers_of_a_material_can_be_set_and_varied(tmp_path):
     assert plate(own) == Material(1e11, 5000.0, 0.1, 1e-3)
     heavier = aluminium_3mm("sphere.material.density_kg_m3=15000")
     assert metrics_of_case(heavier).rebound_m_s < metrics_of_case(aluminium_3mm()).rebound_m_s
-
-
-@pytest.mark.parametrize(("speed_m_s", "is_one"), [(9.99, False), (10.01, True), (40_000.5, False)])
-def test_sound_is_as_fast_as_in_solids(speed_m_s, is_one):
-    """From 10 m/s, the softest gel, to 40 km/s, beyond diamond."""
-    table = f"{{young_pa={1e3 * speed_m_s**2!r}, density_kg_m3=1e3, poisson=0.3}}"
-    with nullcontext() if is_one else pytest.raises(SceneError, match="make a speed of sound of"):
-        aluminium_3mm(f"sphere.material={table}")
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("[mine]\nyoung_pa = 1e11", "mine.density_kg_m3 is missing"),
-        ("[mine", "is not valid TOML"),
-        (MINE.replace("0.25", "0.6"), "mine.poisson = 0.6: must be"),
-    ],
-)
-def test_a_wrong_file_of_materials(tmp_path, text, words):
-    with pytest.raises(SceneError, match=r"my_materials\.toml") as caught:
-        load(scene_file(tmp_path, text))
-    assert words in str(caught.value)

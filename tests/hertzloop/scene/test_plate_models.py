@@ -8,9 +8,6 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.collocation import CollocationPlant
-from hertzloop.plant.structures.mode_file import write_modes
-from hertzloop.results.scene_modes import modes_of_scene
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import Setup, load
 from hertzloop.views.details import what_limits
@@ -33,31 +30,6 @@ def test_the_residual_mode_is_taken_where_it_is_known():
         ("thesis-aluminium", [], False),
     ):
         assert load(source, settings).plant.damped_residual is damped, settings
-
-
-def test_a_file_of_modes_has_it_where_its_modes_end_in_a_plate(tmp_path):
-    scene = aluminium_3mm(*SHORT)
-    table = modes_of_scene(scene)
-    left_out = table.residual_flexibility_m_n
-    by_file = [*SHORT, f"plate.modes='{tmp_path}/m.npz'"]
-    for share, damped in ((1.0, True), (0.0, True), (3.0, False)):
-        (tmp_path / "m.npz").write_bytes(
-            write_modes(".npz", replace(table, residual_flexibility_m_n=share * left_out))
-        )
-        assert aluminium_3mm(*by_file).plant.damped_residual is damped, share
-    below = replace(table, residual_flexibility_m_n=-left_out)
-    (tmp_path / "m.npz").write_bytes(write_modes(".npz", below))
-    with pytest.raises(SceneError, match=r"residual_flexibility_m_n .*0 to 1 m/N"):
-        aluminium_3mm(*by_file)
-
-
-def test_a_spring_with_a_damper_takes_more_modes_and_expects_more():
-    spring, damped = (
-        aluminium_3mm(*SHORT, *DAMPER, f"plate.tail={tail}") for tail in ("spring", "damped")
-    )
-    limits = [scene.plant.frequency_limit_hz for scene in (spring, damped)]
-    assert limits[0] > 1.5 * limits[1]
-    assert expected_error(spring) > 2.0 * expected_error(damped)
 
 
 # Samples of 1 us on finer steps; the force of a sample acts 1 us after it, as with steps of 1 us.

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures.mode_file import SUFFIXES, write_modes
 from hertzloop.plant.structures.registry import STRUCTURES, Kind
 from hertzloop.recordings.compare import first_difference
@@ -38,36 +37,6 @@ def test_a_file_made_from_a_plate_gives_the_bytes_of_the_plate(tmp_path, name, s
     one, other = (recorded(of, tmp_path / f"{of is scene}.mcap") for of in (scene, by_file))
     assert first_difference(one, other) is None
     assert truth_of(one)[4].max() > 0.0
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        [],
-        ["plate.edges=ffff", "plate.actuator_point_m=[0.3, 0.2]"],
-    ],
-    ids=lambda settings: " ".join(settings) or "plain",
-)
-def test_a_file_holds_what_the_plant_computes_with(tmp_path, settings):
-    """No row that no force moves, none twice, and the same oscillators, to the last bit."""
-    scene = aluminium_3mm(*SHORT, "run.accuracy=0.1", *settings)
-    spec = scene.plant
-    table = modes_of_scene(scene)
-    assert np.all((table.shape_contact != 0.0) | (table.shape_actuator != 0.0))
-    names, same = ("omega", "contact", "actuator"), spec.same_point
-    again = np.diff(table.omega_rad_s) == 0.0
-    assert not np.any(again[1:] & again[:-1])
-    assert not np.any(again) or not same
-    file = tmp_path / "modes.npz"
-    file.write_bytes(write_modes(".npz", table))
-    read_back = aluminium_3mm(*SHORT, f"plate.modes={file}").plant
-    assert read_back.same_point == same
-    plant, by_file = modes_of(spec), modes_of(read_back)
-    assert all(np.array_equal(getattr(plant, n), getattr(by_file, n)) for n in names)
-    assert np.array_equal(
-        np.broadcast_to(plant.eta, len(plant.omega)),
-        np.broadcast_to(by_file.eta, len(by_file.omega)),
-    )
 
 
 def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path):

@@ -12,6 +12,7 @@ from hertzloop.results.inspection import inspected
 from hertzloop.results.metrics import free_metrics
 from hertzloop.results.model import parts_of
 from hertzloop.results.recorded import law_of
+from hertzloop.results.repeatability import why_not_repeatable
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.verdict import assess_recording
 from hertzloop.scene.toml import to_toml
@@ -20,7 +21,8 @@ from hertzloop.views.law_line import law_line
 from hertzloop.views.run import print_run
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
-SCENE = aluminium_3mm("run.duration_s=0.0012", "run.accuracy=0.1")
+# Two contacts.
+SCENE = aluminium_3mm("run.duration_s=0.15", "run.accuracy=0.02", "controller.v_thr_m_s=-0.6")
 
 
 def recording(law: str) -> Recording:
@@ -50,7 +52,7 @@ def test_a_run_that_another_law_made(tmp_path):
     assert law_line(law_of(made)) == "slope_threshold"
     foreign = made.ends["controller"].report
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
-    assessed = assess_recording(SCENE, made, free_metrics(SCENE))
+    assessed = assess_recording(SCENE, made, free_metrics(SCENE), why_not_repeatable(made))
     about = made.balance, parts_of(SCENE, made.balance)
     ran = RunReport(SCENE, made, assessed, *about, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
@@ -61,3 +63,4 @@ def test_a_run_that_another_law_made(tmp_path):
         printed = StringIO()
         show(Console(width=200, file=printed))
         assert said in printed.getvalue()
+    assert "It is unknown whether later impacts are predictable." in printed.getvalue()

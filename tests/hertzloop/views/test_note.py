@@ -27,15 +27,6 @@ def test_a_note_passes_through_processes_to_every_reader(here):
     assert read(here / "mended.mcap").note == NOTE
 
 
-def test_a_note_passes_through_the_python_interface(tmp_path):
-    scene = hertzloop.load("aluminium-3mm", {"run.duration_s": 0.0015})
-    path = tmp_path / "a.mcap"
-    assert hertzloop.run(scene, path, transport="compiled", note=NOTE).note == NOTE
-    assert hertzloop.simulate(scene).note == ""
-    with pytest.raises(ValueError, match="note: has 501 characters"):
-        hertzloop.run(scene, path, note="x" * 501)
-
-
 @pytest.mark.parametrize(
     ("note", "sentence"),
     [
