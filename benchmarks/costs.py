@@ -18,7 +18,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.cli.options import JsonOption
 from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.state_kernels import FLIGHT_X
 
 ROUNDS = 9
@@ -57,13 +57,11 @@ def step_costs(rounds: int = ROUNDS) -> list[Cost]:
     cases: dict[str, Callable[[], float]] = {}
     for accuracy in ("1e-9", "1e-3", "1e-2"):
         spec = load("aluminium-20mm", [f"run.accuracy={accuracy}", "run.lead_in_s=0"]).plant
-        count = len(CollocationPlant(spec).modes.omega)
+        count = len(ModalPlant(spec).modes.omega)
         if not cases:
             cases[f"two-pass loop, {count} frequencies"] = two_pass_case(count)
         for name, contact in (("flight", False), ("contact", True)):
-            cases[f"{name}, {count} frequencies"] = plant_case(
-                CollocationPlant(spec), contact=contact
-            )
+            cases[f"{name}, {count} frequencies"] = plant_case(ModalPlant(spec), contact=contact)
     return in_turn(cases, rounds)
 
 

@@ -6,14 +6,18 @@ v_s), shape (2 modes + 2,), on by `steps` steps of h, and writes the gap after e
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 from hertzloop.common.jit import kernel
 from hertzloop.plant.schemes.registry import step
 from hertzloop.plant.state_kernels import XI
 
 GRAVITY = 9.81
+# Textbook codes leave the order of a sum to the compiler.
+_vectorised = njit(nogil=True, error_model="numpy", fastmath={"contract", "reassoc"})
 
 
 @kernel(allocates=True)
@@ -23,7 +27,7 @@ def hertz(stiffness, gap):
     return stiffness * p * math.sqrt(p)
 
 
-@kernel(allocates=True)
+@_vectorised
 def slope(t, y, omega2, drive, stiffness, mass):
     """Right-hand side for y = (q, q', x_s, v_s), shape (2 modes + 2,)."""
     n = omega2.size
@@ -54,7 +58,7 @@ def energy(y, omega2, drive, stiffness, mass):
     return total + mass * (0.5 * y[2 * n + 1] * y[2 * n + 1] + GRAVITY * y[2 * n])
 
 
-@kernel(allocates=True)
+@_vectorised
 def verlet(y, omega2, drive, stiffness, mass, h, steps, every, gaps):
     """Stoermer-Verlet, velocity form; stable below w h = 2."""
     n = omega2.size
@@ -81,7 +85,7 @@ def verlet(y, omega2, drive, stiffness, mass, h, steps, every, gaps):
             gaps[(k + 1) // every - 1] = gap
 
 
-@kernel(allocates=True)
+@_vectorised
 def rk4(y, omega2, drive, stiffness, mass, h, steps, every, gaps):
     """Classical Runge-Kutta; stable below w h = 2.83."""
     n = omega2.size
@@ -137,4 +141,91 @@ def many_slopes(y, omega2, drive, stiffness, mass, count):
     total = 0.0
     for i in range(count):
         total += slope(0.0, y, omega2, drive, stiffness, mass + 1e-9 * i)[0]
+    return total
+
+
+class Impact(NamedTuple):
+    """All that decides an impact: modes as in `plant.structures.modes.Oscillators`, `loss`: eta w,
+    1/s, or no modes and a `mobility` (m/(N s)); the contact; a force `push` (N) from the start."""
+
+    omega: np.ndarray
+    loss: np.ndarray
+    at_contact: np.ndarray
+    at_actuator: np.ndarray
+    scale_per_kg: float
+    mobility: float
+    stiffness: float
+    yield_m: float
+    viscous_n_s_m: float
+    hunt_crossley_s_m: float
+    mass_kg: float
+    push: float
+
+
+@kernel
+def thornton(stiffness, yield_m, p, deepest):
+    """Thornton's force at a penetration, after a deepest one."""
+    if p > deepest and p > yield_m:
+        return stiffness * math.sqrt(yield_m) * (yield_m + 1.5 * (p - yield_m))
+    if deepest > yield_m:
+        most = stiffness * math.sqrt(yield_m) * (yield_m + 1.5 * (deepest - yield_m))
+        back = most / (stiffness * math.sqrt(deepest))
+        return most * (max(p - deepest + back, 0.0) / back) ** 1.5
+    return stiffness * max(p, 0.0) ** 1.5
+
+
+@_vectorised
+def impact_slope(impact, y, deepest, out):
+    """Right-hand side for y = (q, q', x_s, v_s, x of a plate without modes, J lost in the
+    structure, J lost in the contact's damper)."""
+    n = impact.omega.size
+    x, v, lost = y[2 * n + 2], impact.mobility * impact.push, 0.0
+    for i in range(n):
+        x += impact.at_contact[i] * y[i]
+        v += impact.at_contact[i] * y[n + i]
+        lost += impact.loss[i] * y[n + i] * y[n + i]
+    force = thornton(impact.stiffness, impact.yield_m, x - y[2 * n], deepest)
+    damper = 0.0
+    if force > 0.0:
+        damper = impact.viscous_n_s_m + impact.hunt_crossley_s_m * force
+    rate = v - y[2 * n + 1]
+    force = (force + damper * rate) / (1.0 + damper * impact.mobility)
+    rate -= impact.mobility * force
+    for i in range(n):
+        drive = impact.at_actuator[i] * impact.push - impact.at_contact[i] * force
+        own = impact.loss[i] * y[n + i] + impact.omega[i] * impact.omega[i] * y[i]
+        out[i] = y[n + i]
+        out[n + i] = impact.scale_per_kg * drive - own
+    away = impact.push - force
+    out[2 * n] = y[2 * n + 1]
+    out[2 * n + 1] = force / impact.mass_kg - GRAVITY
+    out[2 * n + 2] = impact.mobility * away
+    out[2 * n + 3] = lost / impact.scale_per_kg + impact.mobility * away * away
+    out[2 * n + 4] = damper * rate * rate
+    return x - y[2 * n]
+
+
+@kernel(allocates=True)
+def impact_gaps(impact, y, h, every, gaps):
+    """Runge-Kutta over an impact; the gap after every `every` steps of h."""
+    deepest = impact.yield_m
+    a, b, c, d = np.empty_like(y), np.empty_like(y), np.empty_like(y), np.empty_like(y)
+    for k in range(gaps.size):
+        for _ in range(every):
+            deepest = max(deepest, impact_slope(impact, y, deepest, a))
+            impact_slope(impact, y + 0.5 * h * a, deepest, b)
+            impact_slope(impact, y + 0.5 * h * b, deepest, c)
+            impact_slope(impact, y + h * c, deepest, d)
+            for i in range(y.size):
+                y[i] += h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i])
+        gaps[k] = -impact_slope(impact, y, deepest, a)
+
+
+@kernel
+def impact_energy(impact, y):
+    """Energy of the modes, J."""
+    n, total = impact.omega.size, 0.0
+    for i in range(n):
+        turn = impact.omega[i] * y[i]
+        total += 0.5 * (y[n + i] * y[n + i] + turn * turn) / impact.scale_per_kg
     return total

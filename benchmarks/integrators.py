@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from benchmarks import integrator_kernels as ik
 from benchmarks.scenes import load
 from hertzloop.plant.plant import Plant, PlantSpec
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 
 SAMPLE_S = 4e-6
 
@@ -70,7 +70,7 @@ def problem(name: str, duration_s: float) -> Problem:
     """A scene with the modes that an accuracy of 1e-3 asks for, without damping."""
     spec = load(name, ["contact.damping=none", "plate.loss_factor=0.0"]).plant
     spec = replace(spec, residual_flexibility=False, lead_in_s=0.0)
-    modes = CollocationPlant(spec).modes
+    modes = ModalPlant(spec).modes
     drive = modes.scale_per_kg * modes.contact**2
     duration_s = math.ceil(duration_s / SAMPLE_S) * SAMPLE_S
     return Problem(name, spec, duration_s, modes.omega**2, drive)

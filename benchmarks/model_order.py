@@ -30,7 +30,7 @@ from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigi
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.time_series import series_under
@@ -97,7 +97,7 @@ def random_spec(random: np.random.Generator) -> PlantSpec:
 
 def _first_impact(spec: PlantSpec, duration_s: float) -> tuple[np.ndarray, Impact | None, int]:
     """Gap after every us, the first impact, and the number of oscillators."""
-    plant = CollocationPlant(spec)
+    plant = ModalPlant(spec)
     every = round(_STEP_S / spec.step_s)
     steps = every * round(duration_s / _STEP_S)
     rows = series_under(plant, np.zeros(steps))

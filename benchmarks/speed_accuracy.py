@@ -28,7 +28,7 @@ from benchmarks.integrators import (
 from benchmarks.program import OutDirOption, QuickOption, median, start, tracked
 from benchmarks.results import Columns, Results, results_in
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.studies.pages import pictures
 
 _REFERENCE_STEP_S = 3.125e-8
@@ -80,7 +80,7 @@ def _cases(what: Problem) -> dict[tuple[str, str], Run]:
     found: dict[tuple[str, str], Run] = {}
     for step_s in _STEPS_S:
         setting = f"{step_s * 1e6:g} us"
-        found["modal", setting] = plant_run(CollocationPlant, what, step_s)
+        found["modal", setting] = plant_run(ModalPlant, what, step_s)
         found["discrete_gradient", setting] = plant_run(DiscreteGradientPlant, what, step_s)
         found["verlet", setting] = kernel_run(ik.verlet, what, step_s)
         found["rk4", setting] = kernel_run(ik.rk4, what, step_s)
@@ -95,7 +95,7 @@ def _cases(what: Problem) -> dict[tuple[str, str], Run]:
 def measure(name: str, duration_s: float, rounds: int) -> list[Point]:
     """All points of a scene."""
     what = problem(name, duration_s)
-    reference = plant_run(CollocationPlant, what, _REFERENCE_STEP_S)().gaps
+    reference = plant_run(ModalPlant, what, _REFERENCE_STEP_S)().gaps
     end, deepest = int(np.flatnonzero(reference <= 0.0)[-1]) + 1, -float(reference.min())
     per_ms = 1e3 * what.duration_s
     runs = _cases(what)

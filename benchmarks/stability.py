@@ -29,7 +29,6 @@ _MAPS: dict[str, Callable[[int], list[Outcome]]] = {
     "shaken": shaken_map,
     "loss": loss_map,
 }
-_NEWTON = 14  # evaluations of a contact solve; with more, bisection had to step in
 _QUICK = 5  # each n-th point of every map
 
 
@@ -96,7 +95,7 @@ def _of_balance(outcomes: dict[str, list[Outcome]]) -> dict[str, str]:
         for name, some in outcomes.items():
             mine = [one for one in some if one.scheme == scheme]
             worst = max(mine, key=lambda one: abs(one.change))
-            slow = min((one.step for one in mine if one.evaluations > _NEWTON), default=math.inf)
+            slow = min((one.step for one in mine if one.helped), default=math.inf)
             found[f"{scheme}, {name} map, steps of 0.01 to 100 contact times:"] = (
                 f"worst energy residual {abs(worst.change):.1e}, "
                 f"up to {max(one.contacts for one in mine)} contacts; "

@@ -17,15 +17,16 @@ from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from benchmarks.stability_limits import TEXTBOOK
 from hertzloop.plant.contact.hertz import hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.plant import Plant, PlantSpec
-from hertzloop.plant.schemes import collocation_kernels as collocation
 from hertzloop.plant.schemes import thesis2008_kernels as tk
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
+from hertzloop.plant.schemes.modal_kernels import CONTACT
 from hertzloop.plant.schemes.thesis2008 import ThesisPlant
-from hertzloop.plant.state_kernels import V_P
+from hertzloop.plant.state_kernels import AWAKE, V_P
+from hertzloop.plant.structures.linear import RE, V
 from hertzloop.plant.structures.structure import oscillators
 
 _LIMIT_HZ = 30e3  # few modes: what fails below is the contact, not the modes
-_PLANTS = {"discrete_gradient": DiscreteGradientPlant, "modal": CollocationPlant}
+_PLANTS = {"discrete_gradient": DiscreteGradientPlant, "modal": ModalPlant}
 _PLANT_STEPS = 2000
 _PHASES = (0.0, 1.0 / 3.0, 2.0 / 3.0)
 _SHAKEN_MODES = 10
@@ -38,8 +39,8 @@ class Outcome:
 
     `where`: the map's own axis; `step`: over the rigid plate's contact time; `change`: of the
     energy, relative to that at the start (losses booked), infinite if it has blown up;
-    `evaluations`: most of a contact solve, `contacts`: as the ends of the steps show them; both
-    0 where not counted.
+    `evaluations`: most of a contact solve, `helped`: solves in which Newton's method did not end,
+    `contacts`: as the ends of the steps show them; all 0 where not counted.
     """
 
     where: float
@@ -47,6 +48,7 @@ class Outcome:
     step: float
     change: float
     evaluations: int = 0
+    helped: int = 0
     contacts: int = 0
 
 
@@ -93,18 +95,12 @@ def shake(plant: Plant, speed_m_s: float) -> float:
     """Let the plate pass its rest position with a speed at the struck point, up positive, shared
     by its lowest ten oscillators. Returns the energy that this adds, J, which the plant's own
     balance do not know. For a plant at rest at the first touch."""
-    body, state = plant.state.body, plant.state
-    each = speed_m_s / _SHAKEN_MODES
-    body[V_P] = speed_m_s
-    if isinstance(plant, CollocationPlant):
-        state.z[0, :_SHAKEN_MODES] = each  # z is scaled by Theta there
-        state.free[:] = state.z
-        body[collocation.MODAL_V] = speed_m_s
-    else:
-        table = plant.model.table.reshape(plant.kernels.COLUMNS, -1)[:, :_SHAKEN_MODES]
-        weight = table[plant.kernels.THETA] * table[plant.kernels.B_C]
-        state.z[0].reshape(-1)[:_SHAKEN_MODES] = each / weight
-    return float(plant.kernels.modal_energy(plant.model, state))
+    state, linear = plant.state, plant.model.linear
+    each = linear.see[CONTACT, V, RE, :_SHAKEN_MODES]  # m/s by Re z of each
+    state.z[RE, :_SHAKEN_MODES] = speed_m_s / _SHAKEN_MODES / each
+    state.counts[AWAKE] = state.z.shape[1]
+    state.seen[CONTACT, V] = state.body[V_P] = speed_m_s
+    return float(plant.kernels.close_balance(plant.model, state))
 
 
 def plant_outcomes(
@@ -130,6 +126,7 @@ def plant_outcomes(
                 float(share),
                 missing_j / (balance.energy_start_j + shaken_j),
                 balance.newton_iterations_max,
+                balance.newton_fallbacks,
                 int(np.count_nonzero(touching[1:] & ~touching[:-1])),
             )
 

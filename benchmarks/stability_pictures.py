@@ -87,7 +87,7 @@ def draw_energy(path: Path, outcomes: dict[str, list[Outcome]]) -> None:
     )
     axes[0, 0].legend(fontsize=7, ncols=2, loc="upper left")
     axes[0, 1].set(
-        title="Most evaluations of a contact solve (from 90: order 2)",
+        title="Most evaluations of a contact solve",
         xlabel="step / contact time",
         ylabel="evaluations",
     )

@@ -219,7 +219,7 @@ class Event(_message.Message):
     def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., level: _Optional[int] = ..., message: _Optional[str] = ..., name: _Optional[str] = ..., file: _Optional[str] = ..., line: _Optional[int] = ..., kind: _Optional[_Union[EventKind, str]] = ..., number: _Optional[int] = ..., last_number: _Optional[int] = ..., quantity: _Optional[str] = ..., mode_before: _Optional[int] = ..., mode: _Optional[int] = ..., delay_ns: _Optional[int] = ..., from_step: _Optional[int] = ..., to_step: _Optional[int] = ..., late_sequences: _Optional[int] = ..., longest_sequence: _Optional[int] = ..., oldest_steps: _Optional[int] = ...) -> None: ...
 
 class EnergyBalance(_message.Message):
-    __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error", "plastic_dissipated_j", "dent_m", "truncated_dissipated_j")
+    __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error", "plastic_dissipated_j", "dent_m", "newton_fallbacks")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     ENERGY_START_J_FIELD_NUMBER: _ClassVar[int]
     KINETIC_J_FIELD_NUMBER: _ClassVar[int]
@@ -242,7 +242,7 @@ class EnergyBalance(_message.Message):
     EXPECTED_ERROR_FIELD_NUMBER: _ClassVar[int]
     PLASTIC_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
     DENT_M_FIELD_NUMBER: _ClassVar[int]
-    TRUNCATED_DISSIPATED_J_FIELD_NUMBER: _ClassVar[int]
+    NEWTON_FALLBACKS_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     energy_start_j: float
     kinetic_j: float
@@ -265,8 +265,8 @@ class EnergyBalance(_message.Message):
     expected_error: float
     plastic_dissipated_j: float
     dent_m: float
-    truncated_dissipated_j: float
-    def __init__(self, run_id: _Optional[int] = ..., energy_start_j: _Optional[float] = ..., kinetic_j: _Optional[float] = ..., gravity_j: _Optional[float] = ..., modal_j: _Optional[float] = ..., contact_j: _Optional[float] = ..., modal_dissipated_j: _Optional[float] = ..., contact_dissipated_j: _Optional[float] = ..., injected_j: _Optional[float] = ..., energy_residual: _Optional[float] = ..., momentum_change_n_s: _Optional[float] = ..., contact_impulse_n_s: _Optional[float] = ..., gravity_impulse_n_s: _Optional[float] = ..., momentum_residual: _Optional[float] = ..., newton_iterations: _Optional[int] = ..., newton_iterations_max: _Optional[int] = ..., contact_steps: _Optional[int] = ..., frequencies: _Optional[int] = ..., frequency_limit_hz: _Optional[float] = ..., expected_error: _Optional[float] = ..., plastic_dissipated_j: _Optional[float] = ..., dent_m: _Optional[float] = ..., truncated_dissipated_j: _Optional[float] = ...) -> None: ...
+    newton_fallbacks: int
+    def __init__(self, run_id: _Optional[int] = ..., energy_start_j: _Optional[float] = ..., kinetic_j: _Optional[float] = ..., gravity_j: _Optional[float] = ..., modal_j: _Optional[float] = ..., contact_j: _Optional[float] = ..., modal_dissipated_j: _Optional[float] = ..., contact_dissipated_j: _Optional[float] = ..., injected_j: _Optional[float] = ..., energy_residual: _Optional[float] = ..., momentum_change_n_s: _Optional[float] = ..., contact_impulse_n_s: _Optional[float] = ..., gravity_impulse_n_s: _Optional[float] = ..., momentum_residual: _Optional[float] = ..., newton_iterations: _Optional[int] = ..., newton_iterations_max: _Optional[int] = ..., contact_steps: _Optional[int] = ..., frequencies: _Optional[int] = ..., frequency_limit_hz: _Optional[float] = ..., expected_error: _Optional[float] = ..., plastic_dissipated_j: _Optional[float] = ..., dent_m: _Optional[float] = ..., newton_fallbacks: _Optional[int] = ...) -> None: ...
 
 class StreamCount(_message.Message):
     __slots__ = ("stream", "messages", "samples")

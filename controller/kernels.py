@@ -56,7 +56,7 @@ def convert_force(model, force):
     return code * model.lsb_n
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _schedule(line, state, index, command):
     """Enter the command of sample `index`, the next one, into the line."""
     state.counts[SCHEDULED] = index + 1
@@ -74,7 +74,7 @@ def _schedule(line, state, index, command):
         state.scheduled[acts] = force
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _emit(line, state, end, forces):
     """Write the actuator force of all steps before `end` that are still open."""
     values, counts = state.values, state.counts
@@ -91,7 +91,7 @@ def _emit(line, state, end, forces):
     counts[EMITTED] = max(counts[EMITTED], end)
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def control_sample(law, law_state, line, line_state, value, forces):
     """One sample through law and line; `forces` is final up to the line's EMITTED step."""
     index = law_state.counts[laws.SAMPLES]

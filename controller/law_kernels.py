@@ -127,7 +127,7 @@ _call_command_ahead = _caller("double", 3, 2)
 _call_quiet_level = _caller("double", 2, 0)
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _fail(state, index, cause, promised, command):
     """Note the first fault of a law, at sample `index`."""
     if state.counts[FAULT] == 0:
@@ -137,7 +137,7 @@ def _fail(state, index, cause, promised, command):
         state.numbers[COMMAND] = command
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _number(state, index, command):
     """The command, or zero, with the fault noted, where it is no number."""
     if math.isfinite(command):
@@ -146,7 +146,7 @@ def _number(state, index, command):
     return 0.0
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _as_promised(state, index, value, command):
     """The command of a sample, with the fault noted where it breaks what the law said before.
 
@@ -166,7 +166,7 @@ def _as_promised(state, index, value, command):
     return command
 
 
-@kernel(inline=True)
+@kernel
 def quiet_level(model, state):
     """Level above which samples leave the law at zero from now on; inf without such a promise."""
     if model.quiet_level == 0:
@@ -175,7 +175,7 @@ def quiet_level(model, state):
     return level if level < math.inf else math.inf
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _look_ahead(model, state, last):
     """Ask the law, after sample `last`, for the commands that it knows and has not given yet."""
     if model.known_ahead == 0:
@@ -190,7 +190,7 @@ def _look_ahead(model, state, last):
         counts[COMMANDED] = index + 1
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def take_sample(model, state, value):
     """Feed the next sample to the law, and note what it promises from now on. Returns its command,
     N."""

@@ -15,9 +15,8 @@ import numpy as np
 from hertzloop.bus.port import InProcessBus, InProcessPort
 from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT
-from hertzloop.common.jit.folder import cache_folder
+from hertzloop.common.jit.folder import cache_folder, has_room, types_digest
 from hertzloop.common.jit.progress import report_functions
-from hertzloop.common.jit.storage import all_written, types_digest
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.processes.signals import end_with_parent
 from hertzloop.scene.build import build_plant, build_sensor, free_series
@@ -133,9 +132,9 @@ def _types_of(setup: "Setup") -> str:
 
 
 def _mark(marker: Path) -> None:
-    """Note that all is in the cache, if the disk has taken it."""
+    """Note that all is in the cache, if the disk takes it."""
     with suppress(OSError):
-        if all_written():
+        if has_room():
             marker.touch()
 
 

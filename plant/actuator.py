@@ -3,12 +3,10 @@
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from hertzloop.plant.actuator_kernels import ForceLimit, SecondOrder, force
-from hertzloop.plant.state_kernels import ACTUATOR_F, ACTUATOR_RATE, BODY_SIZE
+from hertzloop.plant.actuator_kernels import ActuatorModel
 from hertzloop.plant.structures.modes import Oscillators
 
 _NO_SHAPE = 1e-9  # of the largest at the actuator: such a mode does not feel the mass
@@ -44,15 +42,16 @@ class Actuator:
 IDEAL = Actuator()
 
 
-def build_model(actuator: Actuator, step_s: float) -> SecondOrder | ForceLimit | None:
+def build_model(actuator: Actuator, step_s: float) -> ActuatorModel:
     """Coefficients of one step; the mass is part of the plate's modes, see `mass_loaded`."""
-    limit = math.inf if actuator.force_limit_n is None else actuator.force_limit_n
+    limit = math.inf if actuator.force_limit_n is None else float(actuator.force_limit_n)
     if actuator.bandwidth_hz is None:
-        return None if actuator.force_limit_n is None else ForceLimit(float(limit))
+        return ActuatorModel(True, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, limit)
     zeta = actuator.damping
     turn = 2.0 * math.pi * actuator.bandwidth_hz * step_s
     (p0, q0), (p1, q1), (p2, q2) = _phis(turn, zeta)
-    return SecondOrder(
+    return ActuatorModel(
+        at_once=False,
         turn_ff=p0,
         turn_fd=q0 * turn,
         turn_df=-q0 * turn,
@@ -61,7 +60,7 @@ def build_model(actuator: Actuator, step_s: float) -> SecondOrder | ForceLimit |
         mean_d=q1 * turn,
         slope_f=3.0 * (p1 - 2.0 * p2),
         slope_d=3.0 * (q1 - 2.0 * q2) * turn,
-        limit_n=float(limit),
+        limit_n=limit,
     )
 
 
@@ -103,54 +102,17 @@ class LinearActuator:
     command: np.ndarray
 
 
-_STATE = [ACTUATOR_F, ACTUATOR_RATE]
-_TRIED_N = tuple(2.0**-power for power in (0, 10, 20, 30))  # exact factors; a limit may be small
-_LINEAR, _DIGITS = 1e-9, 1e-4
-
-
-def linear_form(model: Any) -> LinearActuator | None:
-    """Return the linear form of an actuator's kernel, found by asking the kernel; None if its force
-    is not linear in command and state, up to a constant force.
-
-    Args:
-        model: an actuator of `actuator_kernels`.
-    """
-    rest = _asked(model, np.zeros(3), 0.0)
-    for scale in _TRIED_N:
-        if scale < _DIGITS * np.abs(rest).max():
-            break  # beside a constant force it has too few digits
-        whole = np.array([_asked(model, scale * unit, 0.0) - rest for unit in np.eye(3)]).T / scale
-        # Small commands without an answer tell nothing: there may be a dead zone.
-        if np.any(whole[:, 2]) and _is_linear(model, rest, whole, scale):
-            reached = whole[2:, 2] != 0.0  # states that a command reaches
-            reached |= np.abs(whole[2:, :2]) @ reached > 0.0
-            own = np.flatnonzero(reached)
-            a, state = whole[2 + own][:, own], whole[:2, own]
-            return LinearActuator(a, whole[2 + own, 2], state, whole[:2, 2])
-    return None
-
-
-def _is_linear(model: Any, rest: np.ndarray, whole: np.ndarray, scale: float) -> bool:
-    rng = np.random.default_rng(0)
-    for size in (scale, 0.01 * scale):
-        for inputs in size * rng.uniform(-1.0, 1.0, (4, 3)):
-            # What else a plant knows must not count.
-            away = _asked(model, inputs, float(rng.normal())) - rest - whole @ inputs
-            if not np.all(np.abs(away) <= _LINEAR * size * np.abs(whole).max(axis=1)):
-                return False
-    return True
-
-
-def _asked(model: Any, inputs: np.ndarray, others: float) -> np.ndarray:
-    """Mean force and half its rise over a step, and the state at its end, from the state at its
-    start and a command, N; nan if it changes more than its state. `others` fills what is not its
+def linear_form(model: ActuatorModel) -> LinearActuator:
+    """Return an actuator as a linear system, within its force limit; without a bandwidth it has no
     state."""
-    body = np.full(BODY_SIZE, others)
-    body[_STATE] = inputs[:2]
-    found = force.uncompiled(model, body, float(inputs[2]))
-    after = body[_STATE].copy()
-    body[_STATE] = others
-    return np.array([*found, *after]) if np.all(body == others) else np.full(4, np.nan)
+    if model.at_once:
+        none = np.zeros(0)
+        return LinearActuator(np.zeros((0, 0)), none, np.zeros((2, 0)), np.array([1.0, 0.0]))
+    turn = np.array([[model.turn_ff, model.turn_fd], [model.turn_df, model.turn_dd]])
+    seen = np.array([[model.mean_f, model.mean_d], [model.slope_f, model.slope_d]])
+    # The state is F - c and its rate, so a command moves it by what it takes from F.
+    command = np.array([1.0, 0.0])
+    return LinearActuator(turn, command - turn[:, 0], seen, command - seen[:, 0])
 
 
 def mass_loaded(

@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.common.jit.by_type import fused
 
 _SERIES_TERMS = 24  # 1/24! is below rounding for |x| <= 1
 _BLOCK = 256  # numbers that are followed together, in the processor's nearest memory
@@ -15,8 +14,7 @@ RIGID_RAD_S = 1e-9  # after 20 s the displacement is wrong by 7e-17
 
 @kernel
 def series(x_re, x_im, terms, re, im):
-    """Sum of terms[i] x^i by Horner's rule for complex x, shape (numbers,), into `re` and `im`;
-    products are rounded as NumPy rounds those of complex numbers."""
+    """Sum of terms[i] x^i by Horner's rule for complex x, shape (numbers,), into `re` and `im`."""
     for first in range(0, re.size, _BLOCK):
         end = min(first + _BLOCK, re.size)
         # Parts, whose indices need no second look: that is what lets vectors be formed.
@@ -26,9 +24,7 @@ def series(x_re, x_im, terms, re, im):
         for at in range(terms.size - 2, -1, -1):
             term = terms[at]
             for i in range(u.size):
-                across, along = -(v[i] * b[i]), v[i] * a[i]
-                v[i] = fused(u[i], b[i], along)
-                u[i] = fused(u[i], a[i], across) + term
+                u[i], v[i] = u[i] * a[i] - v[i] * b[i] + term, u[i] * b[i] + v[i] * a[i]
 
 
 def damped_frequency(

@@ -13,10 +13,13 @@ from hertzloop.common.uncompiled import plain
 from hertzloop.plant import state_kernels
 from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded
 from hertzloop.plant.contact.hertz import Contact, Sphere
+from hertzloop.plant.contact.yielding import dent_now_m
 from hertzloop.plant.numerics import RIGID_RAD_S
 from hertzloop.plant.state_kernels import (
+    BALANCE_SIZE,
     CONTACT_STEPS,
-    DENT,
+    DEEPEST,
+    FALLBACKS,
     FLIGHT_V,
     FLIGHT_X,
     GRAVITY_M_S2,
@@ -34,7 +37,10 @@ from hertzloop.plant.structures.structure import Structure, compared_as, oscilla
 @dataclass(frozen=True)
 class Balance:
     """Energy (J) and momentum (N s) of a run; residuals are relative, see `balance`.
-    `truncated_dissipated_j` went to the modes left out, where they are a damped mode."""
+
+    `modal_dissipated_j` went to the structure, and to the modes left out where these are damped;
+    `newton_fallbacks`: contact steps in which Newton's method did not end.
+    """
 
     energy_start_j: float
     kinetic_j: float
@@ -45,7 +51,6 @@ class Balance:
     contact_dissipated_j: float
     injected_j: float
     plastic_dissipated_j: float
-    truncated_dissipated_j: float
     dent_m: float
     energy_residual: float
     momentum_change_n_s: float
@@ -54,6 +59,7 @@ class Balance:
     momentum_residual: float
     newton_iterations: int
     newton_iterations_max: int
+    newton_fallbacks: int
     contact_steps: int
 
 
@@ -65,6 +71,7 @@ def balance(
     *,
     modal_j: float,
     contact_j: float,
+    dent_m: float = 0.0,
 ) -> Balance:
     """Balance of a run that began with the sphere at `start` (m, m/s) and ends at `speed_m_s`.
 
@@ -75,9 +82,9 @@ def balance(
     energy = m * g * x0 + 0.5 * m * v0 * v0
     kinetic = 0.5 * m * speed_m_s * speed_m_s
     gravity = m * g * float(state.body[XI_S])
-    lost_modal, lost_contact, injected, impulse, yielded, lost_truncated = state.balance.tolist()
+    lost_modal, lost_contact, injected, impulse, yielded = state.balance[:BALANCE_SIZE].tolist()
     gap = kinetic + gravity + modal_j + contact_j + lost_modal + lost_contact + yielded
-    gap = gap + lost_truncated - injected - energy
+    gap = gap - injected - energy
     change = m * (speed_m_s - v0)
     weight = -m * g * float(state.counts[STEP]) * model.step_s
     return Balance(
@@ -90,8 +97,7 @@ def balance(
         contact_dissipated_j=lost_contact,
         injected_j=injected,
         plastic_dissipated_j=yielded,
-        truncated_dissipated_j=lost_truncated,
-        dent_m=float(state.body[DENT]),
+        dent_m=dent_m,
         energy_residual=gap / (energy + abs(injected)),
         momentum_change_n_s=change,
         contact_impulse_n_s=impulse,
@@ -99,6 +105,7 @@ def balance(
         momentum_residual=(change - impulse - weight) / (abs(impulse) + abs(weight) + m * abs(v0)),
         newton_iterations=int(state.counts[NEWTON_TOTAL]),
         newton_iterations_max=int(state.counts[NEWTON_MAX]),
+        newton_fallbacks=int(state.counts[FALLBACKS]),
         contact_steps=int(state.counts[CONTACT_STEPS]),
     )
 
@@ -245,9 +252,12 @@ class Plant(ABC):
 
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec
-        self.modes = modes_of(spec)
+        self.modes = self._structure_modes()
         self.model: Any = self._build_model()
         self.state = self._initial_state()
+
+    def _structure_modes(self) -> Oscillators:
+        return modes_of(self.spec)
 
     @abstractmethod
     def _build_model(self) -> Any:
@@ -296,6 +306,7 @@ class Plant(ABC):
             speed_m_s,
             modal_j=modal_j,
             contact_j=contact_j,
+            dent_m=dent_now_m(self.spec.contact, float(self.state.body[DEEPEST])),
         )
 
     def contact_energy_j(self) -> float:

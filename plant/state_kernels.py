@@ -1,4 +1,4 @@
-"""What every scheme shares: its state by index, the sphere in flight, a mode in free vibration."""
+"""What every scheme shares: its state by index, the sphere in flight."""
 
 import math
 
@@ -12,22 +12,17 @@ from hertzloop.common.jit import kernel
 # F_C1: slope of the contact force over the last step, F_C + F_C1 (2 t/h - 1); F_A1: of F_A.
 # ACTUATOR_F, ACTUATOR_RATE: force of an actuator of second order and its rate over w, N.
 XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP, F_C1 = range(12)
-# DEEPEST: penetration so far of a contact that yields, REACHED: in this step; CURVE (N/m^1.5)
-# and DENT: see hertzloop.plant.contact.yielding_kernels.
-# RESIDUAL: state of the modes left out (m), see hertzloop.plant.contact.residual_mode_kernels.
-F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, REACHED, CURVE, DENT, RESIDUAL_RE, RESIDUAL_IM = range(
-    12, 21
-)
+# DEEPEST: penetration so far of a contact that yields, at least that of first yield.
 # V_S, A_S: as V_P and A_P, where a sensor elsewhere is.
-V_S, A_S = range(21, 23)
-BODY_SIZE = 23
+F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, V_S, A_S = range(12, 18)
+BODY_SIZE = 18
 # Indices into a state's balance (J, N s).
 MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPATED = range(5)
-TRUNCATED_DISSIPATED = 5
-BALANCE_SIZE = 6
+BALANCE_SIZE = 5
 # Indices into a state's counts.
-# AWAKE: number of modes, from the lowest on, that have not died away.
-STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, FREE_SINCE, AWAKE = range(7)
+# AWAKE: number of poles, from the slowest on, that have not died away.
+# FALLBACKS: contact steps in which Newton did not end.
+STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, AWAKE, FALLBACKS = range(7)
 COUNTS_SIZE = 7
 
 # In flight a mode below this is set to zero and left out: far below anything a double can show, and
@@ -38,31 +33,7 @@ LOOK_EVERY = 64  # steps
 GRAVITY_M_S2 = 9.81
 
 
-@kernel
-def dissipation(theta, rho, duration, yr, yi, er, ei):
-    """2 * integral of 2 delta v^2 over `duration`, v = Theta Re((1 + i rho) y exp(s t)).
-
-    y is z minus its rest position at the start, (er, ei) = exp(s duration). Times modal
-    mass/2: joules.
-    """
-    delta = rho * theta
-    norm = er * er + ei * ei
-    cr = yr - rho * yi
-    ci = yi + rho * yr
-    # v^2 = Theta^2/2 (|c|^2 exp(-2 delta t) + Re(c^2 exp(2 s t)))
-    steady = (cr * cr + ci * ci) * (1.0 - norm)
-    # integral of exp(2 s t) = (e^2 - 1)/(2 s), s = -delta + i theta
-    nr = er * er - ei * ei - 1.0
-    ni = 2.0 * er * ei
-    mod = 2.0 * (delta * delta + theta * theta)
-    ir = (-nr * delta + ni * theta) / mod
-    ii = (-ni * delta - nr * theta) / mod
-    qr = cr * cr - ci * ci
-    qi = 2.0 * cr * ci
-    return theta * theta * (steady + 2.0 * delta * (qr * ir - qi * ii))
-
-
-@kernel(inline=True)
+@kernel(part=True)
 def flight(model, body, counts):
     """Height (m) and velocity (m/s) at the start and, free of contact, at the end of the step;
     ballistic since FLIGHT_STEP."""
@@ -75,7 +46,7 @@ def flight(model, body, counts):
     return sphere_0, sphere_v + gravity * h, sphere, sphere_v
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def push(model, state, sphere, sphere_v, f_c, f_c1, lost):
     """Let the contact force F_0 + F_1 (2 t/h - 1) of the step act, of which damping takes `lost`
     (J): the height and velocity at its end, from where flight goes on, with the balance."""

@@ -30,25 +30,20 @@ XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1, F_A1, DEEPEST = range(COLUMNS)
 _PIECE_STEPS = 1 << 16
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def record_step(plant, plant_state, command, truth, row):
-    """One plant step under a commanded force; writes its row of the time series.
-
-    A column that the plant's model has nothing for keeps the zeros it was made with.
-    """
+    """One plant step under a commanded force; writes its row of the time series."""
     body = plant_state.body
     truth[0, row] = body[state_kernels.XI]
     truth[1, row] = body[state_kernels.XI_S]
     truth[2, row] = body[state_kernels.XI_P]
     truth[6, row] = body[state_kernels.XI_A]
-    if scheme.yields(plant):
-        truth[9, row] = body[state_kernels.DEEPEST]
+    truth[9, row] = body[state_kernels.DEEPEST]
     truth[4, row] = scheme.step(plant, plant_state, command)
     truth[3, row] = body[V_P_OF_STEP]
     truth[5, row] = body[state_kernels.F_A]
     truth[7, row] = body[state_kernels.F_C1]
-    if scheme.has_slope(plant):
-        truth[8, row] = body[state_kernels.F_A1]
+    truth[8, row] = body[state_kernels.F_A1]
 
 
 @kernel

@@ -41,7 +41,7 @@ class SensorModel(NamedTuple):
     fault_end: int
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def quantise(value, scale, offset, first_code, last_code):
     """Nearest code of a converter, ties upwards, clipped to its codes."""
     code = math.floor((value - offset) / scale + 0.5)
@@ -72,7 +72,7 @@ def follow(model, state, value):
     state[FILTERED] = value
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _faulty(model, state, kind, value):
     """Value that a fault of this kind makes of a value; `LAST` is the value before it."""
     if kind == HELD:
@@ -101,7 +101,7 @@ def sample(model, state, index):
     return _convert(model, value)
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _convert(model, value):
     """Range and converter: code (0 if ideal), value as read, 1 if clipped."""
     clipped = 0

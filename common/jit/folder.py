@@ -15,17 +15,21 @@ import sys
 import tempfile
 from atexit import register
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
+from threading import Lock
+from typing import Any
 
 import llvmlite
 import numba
-from numba import config
+from numba import config, typeof
+
+from hertzloop.common.atomic_files import atomic_write
 
 # A file that holds kernels imports one of these.
 _HOLDS_KERNELS = re.compile(
-    rb"^\s*(?:from\s+(?:numba\b|hertzloop\.common\.jit\s|hertzloop\.common\.jit\.by_type\s|"
+    rb"^\s*(?:from\s+(?:numba\b|hertzloop\.common\.jit\s|hertzloop\.plant\.lanes\s|"
     rb"hertzloop\.common\s+import\s.*\bjit\b)|import\s+(?:numba|hertzloop\.common\.jit)\b)",
     re.M,
 )
@@ -50,6 +54,8 @@ _CODE_SETTINGS = (
 )
 # The folder that holds hertzloop. `common` is a link in a clone, so it is resolved last.
 _ROOT = Path(__file__).absolute().parents[3].resolve()
+_ROOM = 64_000_000  # bytes: some times what is compiled for all scenes
+_swapping = Lock()
 _CHOSEN = "HERTZLOOP_CACHE"  # tells children a place other than the usual one
 
 
@@ -87,6 +93,49 @@ def cache_folder() -> Path:
     return base / name
 
 
+@contextmanager
+def kept_in(folder: Path) -> Iterator[None]:
+    """Let Numba keep what is decorated meanwhile in `folder`.
+
+    Numba reads its configuration when a function is decorated. The configuration is restored: the
+    functions of others stay where they are.
+    """
+    ours = {"CACHE_DIR": str(folder), "CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator"}
+    with _swapping:
+        theirs = {name: getattr(config, name, "") for name in ours}
+        vars(config).update(ours)
+        try:
+            yield
+        finally:
+            vars(config).update(theirs)
+
+
+@cache
+def has_room() -> bool:
+    """Whether the disk takes compiled kernels; says so where it does not."""
+    free = shutil.disk_usage(cache_folder()).free
+    if free < _ROOM:
+        print(
+            f"hertzloop: compiled kernels cannot be kept in {cache_folder()}: {free / 1e6:.0f} MB "
+            "are free. Every process compiles them again. Make room there.",
+            file=sys.stderr,
+        )
+    return free >= _ROOM
+
+
+def keep(path: Path, content: str | bytes) -> None:
+    """Write a file into the folder of kernels, if the disk takes it."""
+    with suppress(OSError):
+        path.parent.mkdir(mode=0o700, exist_ok=True)
+        atomic_write(path, content)
+
+
+def types_digest(*values: Any) -> str:
+    """16 hex digits that change with the types of values: kernels are compiled once for each."""
+    text = "\0".join(str(typeof(value)) for value in values)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def make_private(folder: Path) -> None:
     """Make a folder that only this user can write to, of mode 700, unless it is there.
 
@@ -115,7 +164,7 @@ def make_private(folder: Path) -> None:
 def code_digest() -> str:
     """16 hex digits that change with any source of kernels, and with what compiles them."""
     digest = hashlib.sha256()
-    for what in (sys.version, numba.__version__, llvmlite.__version__, settings_of_folder()):
+    for what in (sys.version, numba.__version__, llvmlite.__version__, code_settings()):
         digest.update(what.encode() + b"\0")
     for name, text in sorted(kernel_sources().items()):
         digest.update(name.encode() + b"\0" + hashlib.sha256(text).digest())
@@ -123,14 +172,8 @@ def code_digest() -> str:
 
 
 def code_settings() -> str:
-    """Numba's settings that change the code it makes, with the values that they have now."""
+    """Numba's settings that change the code it makes, with their values."""
     return " ".join(f"{name}={getattr(config, name, None)!r}" for name in _CODE_SETTINGS)
-
-
-@cache
-def settings_of_folder() -> str:
-    """`code_settings` as they were when the folder was named."""
-    return code_settings()
 
 
 def kernel_sources() -> dict[str, bytes]:

@@ -19,19 +19,16 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from llvmlite import ir
-from numba import config, from_dtype, types
+from numba import cfunc, config, from_dtype, types
 from numba.core import cgutils
 from numba.core.caching import NullCache
-from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
-from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
 from hertzloop.common.jit import kernel
-from hertzloop.common.jit.folder import cache_folder
+from hertzloop.common.jit.folder import cache_folder, has_room, keep, kept_in
 from hertzloop.common.jit.object_code import array_at
-from hertzloop.common.jit.storage import keep, kept_in, stored
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
 # Result and arguments after p and s.
@@ -42,7 +39,6 @@ FUNCTIONS = {
     "quiet_level": ("double", ""),
 }
 _TYPES = {"double": types.float64, "int64": types.int64}
-_SHIPPED = "hertzloop.controller.laws."
 _WORDS = {"f": types.float64, "i": types.int64}  # by the kind of a record's field
 _ELEMENTS = {"float64": types.float64, "int64": types.int64, "bool": types.boolean}  # of an array
 _SAMPLES = types.Array(types.float64, 1, "C")
@@ -169,7 +165,6 @@ class CompiledLaw:
 
     def __init__(self, law: LawCode, parameters: np.dtype, state: np.dtype) -> None:
         home, name, digest = law.home, law.name, law.digest
-        self._shipped = getattr(home, "__name__", "").startswith(_SHIPPED)
         self._kept = law.kept
         for dispatcher in law.dispatchers:
             _forget_other_values(dispatcher, digest)
@@ -221,16 +216,8 @@ class CompiledLaw:
         signature = _TYPES[result](*self._records, *samples, *words)
         function = self._module.__dict__[name]
         with kept_in(cache_folder()):
-            made = CFunc(
-                function,
-                normalize_signature(signature),
-                locals={},
-                options={"error_model": "numpy"},
-            )
-            if self._kept:
-                made._cache = stored(function, quick=self._shipped)  # type: ignore[attr-defined]
-            made.compile()
-            return made
+            kept = self._kept and has_room()
+            return cfunc(signature, cache=kept, error_model="numpy")(function)
 
 
 _compiled_for: WeakKeyDictionary[Dispatcher, str] = WeakKeyDictionary()  # digests of laws
@@ -240,8 +227,7 @@ def _forget_other_values(dispatcher: Dispatcher, digest: str) -> None:
     """Have a law's own compiled function compiled with the values that its globals have now: Numba
     keeps it with the values that they had, on the disk too where it was told to."""
     dispatcher._cache = NullCache()  # type: ignore[attr-defined]
-    compiled = dispatcher.overloads or getattr(dispatcher, "parts", None)
-    if compiled and _compiled_for.get(dispatcher) != digest:
+    if dispatcher.overloads and _compiled_for.get(dispatcher) != digest:
         dispatcher.recompile()
     _compiled_for[dispatcher] = digest
 

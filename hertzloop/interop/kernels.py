@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.common.jit.by_type import by_module
 from hertzloop.loop import kernels as loop_kernels
 from hertzloop.plant import state_kernels
+from hertzloop.plant.schemes import registry as scheme
 from hertzloop.plant.state_kernels import (
     CONTACT_DISSIPATED,
     FLIGHT_V,
@@ -19,15 +19,14 @@ from hertzloop.plant.state_kernels import (
     GRAVITY_M_S2,
     MODAL_DISSIPATED,
     PLASTIC_DISSIPATED,
-    TRUNCATED_DISSIPATED,
     XI,
     XI_S,
 )
 
 # Indices into a unit's energies (J); RESIDUAL: relative, see plant.balance.balance.
-KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST, TAIL_LOST = range(7)
-CONTACT_LOST, PLASTIC_LOST, RESIDUAL = range(7, 10)
-ENERGIES = 10
+KINETIC, GRAVITY, MODAL, CONTACT, INJECTED, MODAL_LOST = range(6)
+CONTACT_LOST, PLASTIC_LOST, RESIDUAL = range(6, 9)
+ENERGIES = 9
 
 
 class Unit(NamedTuple):
@@ -42,9 +41,6 @@ class Unit(NamedTuple):
     start: np.ndarray
     energies: np.ndarray
     lead_s: float
-
-
-_stored, _close_balance = by_module("contact_energy"), by_module("close_balance")
 
 
 @kernel
@@ -74,19 +70,18 @@ def balance(unit):
     from a copy of the state before."""
     model, state, energies = unit.plant, unit.plant_state, unit.energies
     balance, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
-    energies[MODAL] = _close_balance(model, state)
+    energies[MODAL] = scheme.close_balance(model, state)
     speed = state_kernels.speed_now(gravity, model.step_s, state.body, state.counts)
     energies[KINETIC] = 0.5 * mass * speed * speed
     energies[GRAVITY] = mass * gravity * state.body[XI_S]
-    energies[CONTACT] = _stored(model, state)
+    energies[CONTACT] = scheme.contact_energy(model, state)
     energies[INJECTED] = balance[state_kernels.INJECTED]
     energies[MODAL_LOST] = balance[MODAL_DISSIPATED]
-    energies[TAIL_LOST] = balance[TRUNCATED_DISSIPATED]
     energies[CONTACT_LOST] = balance[CONTACT_DISSIPATED]
     energies[PLASTIC_LOST] = balance[PLASTIC_DISSIPATED]
     begun = mass * gravity * unit.start[0] + 0.5 * mass * unit.start[1] * unit.start[1]
     gap = energies[KINETIC] + energies[GRAVITY] + energies[MODAL] + energies[CONTACT]
     gap += balance[MODAL_DISSIPATED] + balance[CONTACT_DISSIPATED]
     gap += balance[PLASTIC_DISSIPATED]
-    gap += balance[TRUNCATED_DISSIPATED] - balance[state_kernels.INJECTED] - begun
+    gap -= balance[state_kernels.INJECTED] + begun
     energies[RESIDUAL] = gap / (begun + abs(balance[state_kernels.INJECTED]))

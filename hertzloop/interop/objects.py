@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import llvmlite.binding as ll
 from numba import config, float64, intp, typeof
 
-from hertzloop.common.jit.folder import cache_folder
-from hertzloop.common.jit.storage import keep
+from hertzloop.common.jit.folder import cache_folder, keep
 
 if TYPE_CHECKING:
     from hertzloop.interop.kernels import Unit

@@ -60,7 +60,7 @@ class TimeGrant(NamedTuple):
     lookahead_steps: int  # the force of a sample at step k acts from step k + lookahead_steps on
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def observe(plant_state, sensor, sensor_state, window):
     """Let the sensor follow the present step, once. Return whether it took a sample."""
     counts = window.counts
@@ -81,7 +81,7 @@ def observe(plant_state, sensor, sensor_state, window):
     return True
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def step_and_record(plant, plant_state, command, window):
     """Run one plant step under a commanded force, and write its time series into the window."""
     row = window.counts[TRUTH_END] - window.counts[TRUTH_FIRST]
@@ -89,7 +89,7 @@ def step_and_record(plant, plant_state, command, window):
     window.counts[TRUTH_END] += 1
 
 
-@kernel(inline=True)
+@kernel(copied=True)
 def hold_command(plant, plant_state, sensor, sensor_state, window, command, steps):
     """Run `steps` steps under one command, for an exported plant. The sensor follows every step.
 
@@ -106,7 +106,7 @@ def hold_command(plant, plant_state, sensor, sensor_state, window, command, step
         step_and_record(plant, plant_state, command, window)
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def update_promise(samples, promises, level, window, grant):
     """Begin, renew or end the promise of zero force, as an answer to `samples` samples says.
 
@@ -152,7 +152,7 @@ def _accept_record(step, samples, force, level, forces, window, grant):
     return REACHED
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def receive_record(lane, step, forces, window, grant):
     """Receive the next record of an answer, which has arrived."""
     excess, samples, force, level = lane_kernels.receive_force(lane)
@@ -161,7 +161,7 @@ def receive_record(lane, step, forces, window, grant):
     return _accept_record(step, samples, force, level, forces, window, grant)
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def check_threshold(step, value, window, grant):
     """End the promise of zero force if the sample of `step`, just taken, fell to its level."""
     counts = grant.counts
@@ -234,7 +234,7 @@ def advance(plant, plant_state, sensor, sensor_state, forces, commands, window, 
     return REACHED
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _send_forces(law, law_state, line, line_state, forces, lane, value):
     """Put the forces that are known after a sample of this value into the lane.
 
@@ -304,7 +304,7 @@ def answer_samples(
             controller_kernels.grant_ahead(law_state, line, line_state, forces)
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def _any_force(forces, step, end):
     """Return whether a force after `step` and before `end` is not zero."""
     for j in range(step + 1, min(end, forces.size)):
@@ -313,7 +313,7 @@ def _any_force(forces, step, end):
     return False
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def impact_is_over(
     impact, plant_state, sensor, sensor_state, law, law_state, line_state, forces, window, value
 ):

@@ -91,7 +91,7 @@ class PlantStreams:
         self.plant = build_plant(setup)
         self.sensor = build_sensor(setup)
         self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
-        self.hello = hello(setup, self.plant.model.stiffness)
+        self.hello = hello(setup, setup.plant.contact.stiffness)
         self._events = PlantEvents(setup)
         self._clipped: list[np.ndarray] = []  # flags since the last block of truth
         self._flags_first = 0

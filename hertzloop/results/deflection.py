@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hertzloop.plant.numerics import RIGID_RAD_S, phi
+from hertzloop.plant.numerics import damped_frequency
 from hertzloop.plant.plant import PlantSpec
+from hertzloop.plant.structures.linear import Linear, Poles, deflections, linear_of
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.plant.structures.modes import Modes
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P, XI_A
@@ -25,9 +26,6 @@ from hertzloop.scene.setup import Setup
 NODES = 2401  # of the grid, about
 MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes
 _MOST_MODES = 4000  # of a plate with other edges than simply supported ones
-_PIECE = 64  # steps under force that are advanced at once
-_MOST_PUSHED = 400_000  # steps under force for all modes; of a sphere at rest, the lowest do
-_FEW = 24  # along an axis
 _FLAT_RADII = 12.0  # of the sphere, from the contact to the edge of what has no shapes
 _FLAT_M = 0.1  # the same distance, where a soft tip has no radius
 _FIRST_FRAMES = 360  # around the first contact
@@ -38,24 +36,21 @@ _AFTER = 10.0  # of the first contact's length, for waves to run to the edge and
 
 @dataclass(frozen=True)
 class PlateModes:
-    """Modes of what is struck; arrays have the shape (modes along x, modes along y) where they are
-    products of sines, (modes,) elsewhere.
+    """Modes of what is struck, as poles, and their shapes.
 
-    `shapes`: along x (places, modes along x) and along y (modes along y, places), or one array
-    (modes, x, y).
-
-    z is one complex number a mode: its deflection is Im z, a step turns it by `turn`, and a
-    unit modal force held over the step adds `grown`, one that rises from -1 to 1 over it
-    `grown_1`. `powers_down` holds turn^_PIECE .. turn^0.
+    Attributes:
+        shapes: along x (places, modes along x) and along y (modes along y, places) where they are
+            products of sines, else one array (modes, x, y).
+        moves: the modes that the plant has, of all, bool, (modes along x, modes along y) or
+            (modes,).
+        linear: those from step to step, under forces at the contact and at the actuator.
+        theta: their frequencies, rad/s: z of a mode displaces it by Im z/theta.
     """
 
     shapes: tuple[np.ndarray, ...]
-    s_step: np.ndarray  # exponent of one step
-    grown: np.ndarray
-    grown_1: np.ndarray
-    at_contact: np.ndarray
-    at_actuator: np.ndarray
-    powers_down: np.ndarray
+    moves: np.ndarray
+    linear: Linear
+    theta: np.ndarray
 
 
 def _taking_part(numbers: np.ndarray, *shares: float) -> np.ndarray:
@@ -66,17 +61,15 @@ def _taking_part(numbers: np.ndarray, *shares: float) -> np.ndarray:
 
 def _plate_modes(spec: PlantSpec, modes: Modes, shapes: tuple[np.ndarray, ...]) -> PlateModes:
     """Modes that move as the plant's do; those above its limit stay at rest."""
-    h, omega, eta = spec.step_s, modes.omega, modes.eta
-    root = np.sqrt(1.0 - np.asarray(eta) ** 2 / 4.0)
-    theta = np.maximum(omega, RIGID_RAD_S) * root
-    s = theta * (1j - eta / (2.0 * root))
-    x = s * h
-    grown = modes.scale_per_kg / theta * h * phi(1, x)
-    grown_1 = modes.scale_per_kg / theta * h * x * (2.0 * phi(3, x) - phi(2, x))
-    for by in (grown, grown_1):
-        by[omega > 2.0 * np.pi * spec.frequency_limit_hz] = 0.0
-    powers = np.exp(np.arange(_PIECE, -1, -1).reshape(-1, *(1,) * omega.ndim) * x)
-    return PlateModes(shapes, x, grown, grown_1, modes.at_contact, modes.at_actuator, powers)
+    moves = modes.omega <= 2.0 * np.pi * spec.frequency_limit_hz
+    eta = np.broadcast_to(modes.eta, modes.omega.shape)[moves]
+    theta, rho = damped_frequency(modes.omega[moves], eta)
+    drive = [modes.scale_per_kg * shape[moves] for shape in (modes.at_contact, modes.at_actuator)]
+    none = np.zeros((0, len(theta)))
+    poles = Poles(
+        (1j - rho) * theta, np.array(drive, complex), none + 0j, np.zeros((3, len(theta)))
+    )
+    return PlateModes(shapes, moves, linear_of(poles, spec.step_s), theta)
 
 
 def _separable_modes(spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
@@ -154,26 +147,6 @@ def _grid_and_modes(
     return x, y, (_separable_modes if separable else _edged_modes)(spec, x, y)
 
 
-def _under_force(modes: PlateModes, z: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """z after at most _PIECE steps under forces up on the plate, shape (4, steps)."""
-    count = forces.shape[1]
-    # As pairs of real numbers: forces have no imaginary part.
-    turned = modes.powers_down[_PIECE + 1 - count :].reshape(count, -1).view(float)
-    sums = (forces @ turned).view(complex).reshape(len(forces), *z.shape)
-    contact, contact_1, actuator, actuator_1 = sums
-    drive = modes.at_actuator * actuator + modes.at_contact * contact
-    tilt = modes.at_actuator * actuator_1 + modes.at_contact * contact_1
-    turn = modes.powers_down[_PIECE - count]
-    return np.asarray(z * turn + modes.grown * drive + modes.grown_1 * tilt)
-
-
-def _turned(modes: PlateModes, z: np.ndarray, steps: int) -> np.ndarray:
-    """z after some steps without a force."""
-    if steps <= _PIECE:
-        return np.asarray(z * modes.powers_down[_PIECE - steps])
-    return np.asarray(z * np.exp(steps * modes.s_step))
-
-
 def forces_on_plate(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
     """Forces up on the plate by truth, shape (4, steps): at the contact, at the actuator,
     each its mean over a step and its slope. A mass on the plate pushes back by its inertia."""
@@ -207,60 +180,19 @@ def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
 
 
 def _states(modes: PlateModes, blocks: Iterable[Block], frames: np.ndarray) -> np.ndarray:
-    """Deflection of every mode at the steps `frames` (ascending), shape (frames, m, n), from
+    """Deflection of every mode at the steps `frames` (ascending), shape (frames, *modes), from
     blocks of forces, each with its first step; of those frames that the blocks reach."""
-    z = np.zeros_like(modes.grown)
-    found = np.zeros((len(frames), *z.shape))
-    step = i = pushed = 0
+    z = np.zeros_like(modes.linear.turn)
+    parts = [np.zeros((0, z.shape[1]))]
     for first, forces in blocks:
-        end = first + forces.shape[1]
-        forced = first + np.flatnonzero(np.any(forces != 0.0, axis=0))
-        pushed += len(forced)
-        if pushed > _MOST_PUSHED and max(z.shape) > _FEW:
-            modes, z = _lowest(modes), z[(slice(_FEW),) * z.ndim]
-        while i < len(frames) and frames[i] < end:
-            z = _advanced(modes, z, forces, (first, step, int(frames[i])), forced)
-            step = int(frames[i])
-            found[i][tuple(slice(count) for count in z.shape)] = z.imag
-            i += 1
-        if i == len(frames):
-            break
-        z = _advanced(modes, z, forces, (first, step, end), forced)
-        step = end
-    return found[:i]
-
-
-def _lowest(modes: PlateModes) -> PlateModes:
-    """The first _FEW modes along each axis."""
-    few = (slice(_FEW),) * modes.grown.ndim
-    cut = {
-        name: getattr(modes, name)[few]
-        for name in ("s_step", "grown", "grown_1", "at_contact", "at_actuator")
-    }
-    return replace(modes, powers_down=np.ascontiguousarray(modes.powers_down[:, *few]), **cut)
-
-
-def _advanced(
-    modes: PlateModes,
-    z: np.ndarray,
-    forces: np.ndarray,
-    steps: tuple[int, int, int],
-    forced: np.ndarray,
-) -> np.ndarray:
-    """z from one step to another; `steps`: that of the first of the forces, from, to; `forced`: the
-    steps where there is a force."""
-    first, step, target = steps
-    while step < target:
-        following = np.searchsorted(forced, step)
-        force_at = int(forced[following]) if following < len(forced) else target
-        if force_at > step:
-            end = min(force_at, target)
-            z = _turned(modes, z, end - step)
-        else:
-            end = min(step + _PIECE, target)
-            z = _under_force(modes, z, forces[:, step - first : end - first])
-        step = end
-    return z
+        inside = frames[(frames >= first) & (frames < first + forces.shape[1])]
+        parts.append(np.zeros((len(inside), z.shape[1])))
+        forces = np.ascontiguousarray(forces)
+        deflections(modes.linear, z, forces, first, inside, parts[-1])
+    moved = np.concatenate(parts)[:, : len(modes.theta)] / modes.theta
+    found = np.zeros((len(moved), *modes.moves.shape))
+    found[:, modes.moves] = moved
+    return found
 
 
 def frame_steps(steps: int, contacts: Sequence[Span]) -> np.ndarray:
@@ -321,8 +253,7 @@ def deflection(
     `contacts` if they are known. A structure without shapes stays flat.
 
     Modes beyond MODES_PER_AXIS along an axis (or _MOST_MODES) are left out: they matter next to the
-    contact, and only while it lasts; after _MOST_PUSHED steps under force, those beyond the first
-    _FEW. Raises SceneError if the recorded scene cannot be simulated.
+    contact, and only while it lasts. Raises SceneError if the recorded scene cannot be simulated.
     """
     spec, truth = setup.plant, recording.truth
     if frames is None:

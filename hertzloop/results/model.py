@@ -5,7 +5,7 @@ from typing import Any
 
 from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.plant.plant import Balance
-from hertzloop.plant.schemes.infinite import impedance_n_s_m
+from hertzloop.plant.schemes.modal import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scene.plate_model import NEAREST, wavelengths_to_edge
 from hertzloop.scene.setup import Setup
@@ -29,12 +29,10 @@ class TruncatedModes:
     """The damped mode that replaces the truncated modes.
 
     Attributes:
-        lost_j: energy that it dissipated, J.
         wavelengths_to_edge: distance of the contact point from an edge, wavelengths at the limit.
         needed: distance from which on the damped mode is accurate.
     """
 
-    lost_j: float
     wavelengths_to_edge: float
     needed: float
 
@@ -108,9 +106,7 @@ def parts_of(setup: Setup, balance: EnergyBalance) -> PlantParts:
     if setup.plant.damped_residual:
         away = wavelengths_to_edge(setup.mechanics, setup.plant.frequency_limit_hz)
     return PlantParts(
-        truncated_modes=None
-        if away is None
-        else TruncatedModes(balance.truncated_dissipated_j, away, NEAREST),
+        truncated_modes=None if away is None else TruncatedModes(away, NEAREST),
         limiting_pressure=limiting_pressure(setup),
         model=chosen_model(setup),
     )

@@ -12,7 +12,7 @@ from hertzloop.plant.estimates.plate_theory import (
     zener_inelasticity,
 )
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes.collocation import flexibility_m_n
+from hertzloop.plant.schemes.modal import flexibility_m_n
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.results.statistics import Extremes
 from hertzloop.scene.controller import law_flight_m

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hertzloop.plant.schemes.collocation import residual_m_n
+from hertzloop.plant.schemes.modal import residual_m_n
 from hertzloop.plant.structures.mode_file import ModeTable
 from hertzloop.plant.structures.structure import oscillators
 from hertzloop.scene.errors import SceneError

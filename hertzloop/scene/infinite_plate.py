@@ -79,7 +79,7 @@ class InfinitePlate:
         bounded = self.reach.force_n < math.inf or self.reach.share <= 1.0
         supported = mechanics.structure.separable is not None
         ideal = mechanics.actuator.ideal and mechanics.contact.limit is None
-        known = SCHEMES[self.scheme].infinite_plate and ideal
+        known = SCHEMES[self.scheme].supports_infinite_plate and ideal
         sensed = mechanics.sensor_point_m is None
         return bool(known) and sensed and mechanics.same_point and bounded and supported
 

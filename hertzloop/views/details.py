@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.common.readable import quantity
 from hertzloop.loop.run_options import Transport
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -73,7 +74,10 @@ def _contact_words(report: RunReport) -> str:
     """State the cost of the contact solver, and the limiting pressure with what yielded, or why a
     contact that may yield by itself does not."""
     limit, found = report.parts.limiting_pressure, report.assessed.yielded
-    words = [f"at most {report.balance.newton_iterations_max} evaluations a step"]
+    balance = report.balance
+    words = [f"at most {balance.newton_iterations_max} rounds of Newton's method a step"]
+    if balance.newton_fallbacks:
+        words.append(fallback_words(balance))
     if limit:
         words.append(f"limiting pressure {pressure_words(limit)}")
     if why := report.setup.mechanics.why_elastic:
@@ -81,6 +85,14 @@ def _contact_words(report: RunReport) -> str:
     if found:
         words.append(yield_words(found))
     return "; ".join(words)
+
+
+def fallback_words(balance: EnergyBalance) -> str:
+    """Describe the contact steps in which Newton's method did not end."""
+    return (
+        f"Newton's method did not end in {balance.newton_fallbacks} of {balance.contact_steps} "
+        "contact steps, which have a constant force"
+    )
 
 
 def _actuator_words(report: RunReport) -> str:
@@ -227,10 +239,7 @@ def error_words(expected: float | None, asked: float) -> str:
 
 def truncated_words(found: model.TruncatedModes) -> str:
     """Describe the damped mode that replaces the truncated modes."""
-    words, away = (
-        f"one damped mode dissipated {quantity(found.lost_j, 'J')}",
-        found.wavelengths_to_edge,
-    )
+    words, away = "one damped mode", found.wavelengths_to_edge
     if away >= found.needed:
         return words
     return f"{words}; not known so close to an edge, {away:.2g} of {found.needed:g} wavelengths"

@@ -8,7 +8,7 @@ from rich.text import Text
 from hertzloop.common.readable import argument
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.results.run_report import RunReport
-from hertzloop.views.details import error_words, missed, run_table
+from hertzloop.views.details import error_words, fallback_words, missed, run_table
 from hertzloop.views.effects import OUT_OF_RANGE, neglected_lines, warning_lines
 from hertzloop.views.format import Table, print_all, unwrapped
 from hertzloop.views.impacts_table import impacts_table
@@ -16,6 +16,8 @@ from hertzloop.views.law_line import law_line
 from hertzloop.views.metrics_table import metrics_table
 from hertzloop.views.pacing import pacing_lines, repetition_lines
 from hertzloop.views.verdict import verdict_lines, verdict_sentences
+
+_FEW_FALLBACKS = 1e-3  # of all contact steps
 
 
 def print_run(
@@ -40,6 +42,9 @@ def print_run(
     pieces += warning_lines(result.metrics.neglected.checks)
     if warning is not None:
         pieces.append(warning)
+    balance = report.balance
+    if balance.newton_fallbacks > _FEW_FALLBACKS * balance.contact_steps:
+        pieces.append(Text(f"{fallback_words(balance)}. Use a smaller run.step_ns.", "yellow"))
     if details:
         pieces += _details(report)
     if report.verifies:

@@ -145,6 +145,7 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         "frequency_limit_hz": balance.frequency_limit_hz,
         "struck": report.structure,
         "newton_iterations_max": balance.newton_iterations_max,
+        "newton_fallbacks": balance.newton_fallbacks,
         "recording": str(report.recording.path),
         "uncontrolled": metrics_as_json(assessed.free or assessed.result.metrics),
         **_assessment_as_json(assessed),

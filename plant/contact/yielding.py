@@ -14,12 +14,21 @@ limit; impacts far beyond yield want the hardness.
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from hertzloop.plant.contact.hertz import Contact, Limit
-from hertzloop.plant.contact.yielding_kernels import Yielding
 from hertzloop.plant.structures.materials import Material
+
+
+class Yielding(NamedTuple):
+    """Penetration (m), force (N) and energy (J) of first yield, and the line's rise (N/m)."""
+
+    delta_m: float
+    force_n: float
+    rise_n_m: float
+    energy_j: float
 
 
 def yielding(limit: Limit, stiffness: float) -> Yielding:
@@ -41,6 +50,12 @@ def dent_m(law: Yielding, stiffness: float, deepest_m: np.ndarray) -> np.ndarray
     load = law.force_n + law.rise_n_m * (deepest - law.delta_m)
     dent = deepest - (load / _reloading(stiffness, deepest, load)) ** (2.0 / 3.0)
     return np.asarray(np.where(deepest > law.delta_m, dent, 0.0))
+
+
+def dent_now_m(contact: Contact, deepest_m: float) -> float:
+    """Dent left by the deepest penetration so far, m; zero of an elastic contact."""
+    dents = dents_m(contact, np.array([deepest_m]))
+    return 0.0 if dents is None else float(dents[0])
 
 
 def yield_depth_m(contact: Contact) -> float:

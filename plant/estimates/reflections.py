@@ -18,9 +18,9 @@ import numpy as np
 from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
 from hertzloop.plant.estimates.reflections_kernels import add_twice_integrated
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes import infinite_kernels
-from hertzloop.plant.schemes.infinite import InfinitePlant
+from hertzloop.plant.schemes.modal import ModalPlant, impedance_n_s_m
 from hertzloop.plant.structures.plate import Plate
+from hertzloop.plant.time_series import V_P, XI, series_under
 
 _STEPS_PER_CONTACT = 32  # of a contact on a rigid plate
 _STEPS = 1024  # at most; the estimate does not look further
@@ -159,10 +159,10 @@ def reflections(
     signs, rigid_s = images(plate.size_m, point_m)[1], _STEPS_PER_CONTACT * h
     if steps < 2:
         return Reflections(*(np.zeros(0),) * 7, math.inf, rigid_s)
-    spec = PlantSpec(sphere, plate, contact, point_m, point_m, h, 0.5 / h, 0.0)
-    model = InfinitePlant(spec)
-    force, gap = np.zeros(steps), np.zeros(steps)
-    infinite_kernels.pulse(model.model, model.state, force, gap)
+    spec = PlantSpec(sphere, plate, contact, point_m, point_m, h, 0.5 / h, 0.0, infinite_plate=True)
+    free = series_under(ModalPlant(spec), np.zeros(steps + 1))[:, 1:]
+    z = impedance_n_s_m(plate)
+    force, gap = z * free[V_P], free[XI]
     left = int(np.argmax(gap > 0.0)) if gap.max() > 0.0 else steps
     touching = int(np.flatnonzero(force)[-1]) + 1  # steps; most come after the contact
     # A delayed force meets waves that come as much later as it lasts.
@@ -178,7 +178,6 @@ def reflections(
         add_twice_integrated(t[heard:], ratio, weight, once[heard:], twice[heard:])
     slopes = np.diff(force, prepend=0.0) / h  # of a force linear between the steps
     bends = np.diff(slopes, prepend=0.0)
-    z = model.model.impedance_n_s_m
     shift = (
         np.convolve(bends[: touching + 2], twice)[:steps] / z
     )  # of the plate by the reflections, m

@@ -44,14 +44,14 @@ def new_follower(quiet_steps: int, line_steps: int = 0) -> ImpactFollower:
 NEVER = new_follower(-1)  # what a loop takes that does not end before its last step
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def is_silent(impact):
     """Whether nothing has touched or pushed for so long, and nothing from before is on its way."""
     counts = impact.counts
     return counts[LEFT] == 1 and counts[STEP] - counts[BUSY] >= impact.quiet_steps
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def follow(impact, f_c, f_a, gap):
     """Take a step: its contact force and actuator force (N), and the gap at its start (m)."""
     counts = impact.counts
@@ -91,7 +91,7 @@ def follow_steps(impact, f_c, f_a, gap):
     return touch
 
 
-@kernel(inline=True)
+@kernel(part=True)
 def least_gap(impact):
     """Smallest gap (m) until the sphere has come back, and for how many steps it has been at least
     half of the largest gap until then; of an impact that `is_silent`."""

@@ -12,8 +12,11 @@ from hertzloop.plant.metrics import truth_kernels
 from hertzloop.plant.metrics.noise import NoiseInputs, spectra_of
 from hertzloop.plant.metrics.truth_kernels import METRICS, ImpactSteps
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes.collocation import damped_residual, flexibility_m_n
-from hertzloop.plant.schemes.infinite import impedance_n_s_m
+from hertzloop.plant.schemes.modal import (
+    flexibility_m_n,
+    impedance_n_s_m,
+    residual_mobility_m_ns,
+)
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, XI, XI_P
@@ -155,13 +158,12 @@ def part_of(
 
 @lru_cache(maxsize=16)
 def _reading(spec: PlantSpec) -> truth_kernels.Reading:
-    mode = damped_residual(spec)[0]
     return truth_kernels.Reading(
         step_s=spec.step_s,
         mass_kg=spec.sphere.mass_kg,
         gravity_m_s2=GRAVITY_M_S2,
         same_point=spec.same_point,
-        mobility=mode.mobility_m_ns if mode else math.nan,
+        mobility=residual_mobility_m_ns(spec),
         impedance=impedance_n_s_m(spec.local_plate) if spec.infinite_plate else math.nan,
         to_cubic=TO_CUBIC,
     )

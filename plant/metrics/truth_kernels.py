@@ -96,7 +96,7 @@ class TruthColumns(NamedTuple):
 
 class Reading(NamedTuple):
     """What the steps of a plant are read with. `mobility`: of what follows the forces at once,
-    m/(N s); `impedance`: of an infinite plate, N s/m. Both nan where there is no such thing."""
+    m/(N s); `impedance`: of an infinite plate, N s/m, nan of another."""
 
     step_s: float
     mass_kg: float
@@ -111,25 +111,15 @@ class Reading(NamedTuple):
 def _starting_speeds(columns, by, speeds):
     """Write the velocity of the plate at the start of every step.
 
-    Where something follows the forces at once, the velocity jumps with them. The first row keeps
-    its own.
+    Where something follows the forces at once, the velocity jumps with that of the actuator. The
+    first row keeps its own.
     """
-    v_p, f_c, f_c1, f_a, f_a1 = columns.v_p, columns.f_c, columns.f_c1, columns.f_a, columns.f_a1
-    if math.isnan(by.mobility):
-        for i in range(v_p.size):
-            speeds[i] = v_p[i]
-        return
+    v_p, f_a, f_a1 = columns.v_p, columns.f_a, columns.f_a1
     speeds[0] = v_p[0]
-    mean, slope = -f_c[0], -f_c1[0]
-    if by.same_point:
-        mean, slope = mean + f_a[0], slope + f_a1[0]
-    ended = mean + slope
+    at_once = by.mobility if by.same_point else 0.0
     for i in range(1, v_p.size):
-        mean, slope = -f_c[i], -f_c1[i]
-        if by.same_point:
-            mean, slope = mean + f_a[i], slope + f_a1[i]
-        speeds[i] = v_p[i] + by.mobility * ((mean - slope) - ended)
-        ended = mean + slope
+        jump = (f_a[i] - f_a1[i]) - (f_a[i - 1] + f_a1[i - 1])
+        speeds[i] = v_p[i] + at_once * jump
 
 
 @kernel(inline=True)

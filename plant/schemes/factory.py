@@ -10,8 +10,7 @@ from hertzloop.plant.schemes.registry import SCHEMES
 def built(spec: PlantSpec, scheme: str) -> Plant:
     """A plant whose model is shared by all runs of the same description; not for a scheme that
     keeps the history of a run."""
-    row = SCHEMES[scheme]
-    found: Plant = (row.load_infinite() if spec.infinite_plate else row.load())(spec)
+    found: Plant = SCHEMES[scheme].load()(spec)
     return found
 
 

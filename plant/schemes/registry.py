@@ -5,11 +5,16 @@ program, for the runs in its own process. A compiled caller is specialised to th
 of the model, so the choice costs nothing per step.
 """
 
+import sys
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-from hertzloop.common.jit.by_type import by_module, no
+from numba import config
+from numba.extending import overload
+
+from hertzloop.common.jit import kernel
+from hertzloop.common.uncompiled import plain
 
 
 @dataclass(frozen=True)
@@ -17,11 +22,10 @@ class Scheme:
     """Where a scheme is, as "module:Class", and what it supports.
 
     `plant`: its plant, a `plant.plant.Plant`, whose model is of a class of its own in the file of
-    its kernels. `infinite_plate`: its plant without modes, "" where it has none.
+    its kernels.
     """
 
     plant: str
-    infinite_plate: str = ""
 
     # What its samples are.
     records_slope: bool = False  # the contact force changes within a step: truth has its slope
@@ -46,31 +50,18 @@ class Scheme:
     supports_sensor_elsewhere: bool = False  # a sensor beside the contact
     supports_export: bool = False  # its plant as an FMU or a C library
 
-    @property
-    def supports_infinite_plate(self) -> bool:
-        """Whether it has a plant without modes."""
-        return bool(self.infinite_plate)
+    supports_infinite_plate: bool = False  # a plate without modes
 
     def load(self) -> Any:
         """The class of the plant."""
-        return _loaded(self.plant)
-
-    def load_infinite(self) -> Any:
-        """The class of the plant without modes. Raises ValueError where there is none."""
-        if not self.infinite_plate:
-            raise ValueError(f"{self.plant} has no plant without modes")
-        return _loaded(self.infinite_plate)
-
-
-def _loaded(place: str) -> Any:
-    module, name = place.split(":")
-    return getattr(import_module(module), name)
+        module, name = self.plant.split(":")
+        return getattr(import_module(module), name)
 
 
 _AT = "hertzloop.plant.schemes"
 SCHEMES = {
     "modal": Scheme(
-        f"{_AT}.collocation:CollocationPlant", infinite_plate=f"{_AT}.infinite:InfinitePlant",
+        f"{_AT}.modal:ModalPlant", supports_infinite_plate=True,
         records_slope=True, has_linear_model=True,
         supports_truncated_modes=True, supports_yield=True,
         supports_actuator_dynamics=True,
@@ -92,7 +83,49 @@ def supporting(capability: str) -> str:
     return " or ".join(names)
 
 
-# Advance one step: model, state, commanded actuator force (N) -> contact force (N).
-step = by_module("step")
-# Whether the actuator's force can change within a step, and whether the contact can yield.
-has_slope, yields = by_module("has_slope", no), by_module("yields", no)
+def _kernels(model: type) -> Any:
+    """The module of a scheme's kernels, where the class of its model is."""
+    return sys.modules[model.__module__]
+
+
+# What a compiled caller calls of whatever scheme its model is; settled when it is compiled.
+
+
+def step(model: Any, state: Any, command: float) -> float:
+    """Advance one step under a commanded actuator force (N); returns the contact force (N)."""
+    called = _kernels(type(model)).step if config.DISABLE_JIT else _entry
+    return float(called(model, state, command))
+
+
+def close_balance(model: Any, state: Any) -> float:
+    """Book what is not booked in every step; returns the energy of the structure, J."""
+    return float(_kernels(type(model)).close_balance(model, state))
+
+
+def contact_energy(model: Any, state: Any) -> float:
+    """Energy stored in the contact, J."""
+    return float(plain(_kernels(type(model)).contact_energy)(model, state))
+
+
+@overload(step, inline="always")
+def _step(model, state, command):
+    of_scheme = _kernels(model.instance_class).step
+    return lambda model, state, command: of_scheme(model, state, command)
+
+
+@overload(close_balance, inline="always")
+def _close_balance(model, state):
+    of_scheme = _kernels(model.instance_class).close_balance
+    return lambda model, state: of_scheme(model, state)
+
+
+@overload(contact_energy, inline="always")
+def _contact_energy(model, state):
+    of_scheme = _kernels(model.instance_class).contact_energy
+    return lambda model, state: of_scheme(model, state)
+
+
+@kernel
+def _entry(model, state, command):
+    """A step for Python."""
+    return step(model, state, command)

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.schemes.discrete_gradient import DiscreteGradientPlant
 from tests.plant.rigs import run, spec
-from tests.plant.test_collocation import CASES
+from tests.plant.test_modal import CASES
 from tests.plant.test_solution import reference
 
 STEPS_S = (1e-6, 5e-7, 2.5e-7, 1.25e-7)

@@ -33,7 +33,8 @@ for settings in json.loads(sys.argv[1]):
     read_all(sensor.model, sensor.state, gap, read)
     controller = build_controller(setup)
     reply = controller.process(read[1])
-    found = b"".join(part.tobytes() for part in (read, controller.forces, reply.modes, reply.delays))
+    parts = (read, controller.forces, reply.modes, reply.delays)
+    found = b"".join(part.tobytes() for part in parts)
     digests.append(hashlib.sha256(found).hexdigest()[:16])
 print(json.dumps(digests))
 """
@@ -80,6 +81,7 @@ CASES = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.full
 def test_laws_and_sensors():
     native, *others = (json.loads(said(name, "-c", PROGRAM, json.dumps(CASES))) for name in FEW)

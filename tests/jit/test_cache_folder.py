@@ -121,21 +121,6 @@ def test_settings_of_numba_that_change_the_code_have_a_folder_each(tmp_path):
     assert where(home | {"NUMBA_NUM_THREADS": "1", "NUMBA_FULL_TRACEBACKS": "1"})[0] == usual
 
 
-CHANGED_LATER = """
-import hertzloop, numba
-from benchmarks.integrator_kernels import hertz as k
-{change}
-k(1e9, -1e-6)
-print(k._cache.cache_path)
-"""
-
-
-@pytest.mark.parametrize(("change", "kept"), [("", True), ("numba.config.BOUNDSCHECK = 1", False)])
-def test_code_of_settings_that_were_changed_later_is_not_kept(tmp_path, change, kept):
-    folder, _ = where({"HOME": str(tmp_path)}, CHANGED_LATER.format(change=change))
-    assert bool(list(folder.parent.rglob("*.hertz-*.nbi"))) == kept
-
-
 ATTACKED = """
 import hertzloop
 from benchmarks.integrator_kernels import hertz as k

@@ -7,7 +7,7 @@ import numpy as np
 
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness
 from hertzloop.plant.plant import Plant, PlantSpec
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.schemes.registry import step
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, V_P, XI, XI_A, XI_P, XI_S
 from hertzloop.plant.structures.materials import MATERIALS, Material
@@ -86,9 +86,7 @@ def rigid(
     step_s: float, contact: Contact, radius_m: float = 0.003, speed_m_s: float = 1.0
 ) -> Plant:
     """A sphere without weight, half a step before it meets an immovable support."""
-    plant = CollocationPlant(
-        spec(radius_m=radius_m, material=IMMOVABLE, contact=contact, step_s=step_s)
-    )
+    plant = ModalPlant(spec(radius_m=radius_m, material=IMMOVABLE, contact=contact, step_s=step_s))
     plant.model = plant.model._replace(gravity_m_s2=0.0)
     body = plant.state.body
     body[FLIGHT_V] = -speed_m_s

@@ -15,7 +15,7 @@ from hertzloop.plant.contact.hertz import (
     rigid_peak_force_n,
 )
 from hertzloop.plant.metrics.impacts import impacts_in
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import rigid, run, spec
@@ -104,7 +104,7 @@ def test_impossible_restitutions_are_refused(restitution):
 
 def test_the_faintest_touch_is_a_contact():
     # A sphere laid on the plate sinks by g h^2/2 = 5e-12 m in its first step.
-    plant = CollocationPlant(spec(loss_factor=0.0))
+    plant = ModalPlant(spec(loss_factor=0.0))
     plant.state.body[[FLIGHT_X, FLIGHT_V, XI, XI_S]] = 0.0
     rows = run(plant, 50)
     assert np.all(np.diff(rows.xi) < 0.0)

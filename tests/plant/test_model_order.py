@@ -12,7 +12,7 @@ from hertzloop.plant.estimates.model_order import (
     held_error,
 )
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from tests.plant.rigs import run, spec
 
 STEP_S = 2.5e-7
@@ -35,7 +35,7 @@ def estimate(what: PlantSpec, limit_hz: float, *, spring: bool = False) -> float
 )
 def test_measured_errors_are_what_was_estimated(changes, duration_s, lowest):
     def gap(limit_hz: float) -> np.ndarray:
-        plant = CollocationPlant(spec(step_s=STEP_S, limit_hz=limit_hz, **changes))
+        plant = ModalPlant(spec(step_s=STEP_S, limit_hz=limit_hz, **changes))
         return run(plant, round(duration_s / STEP_S)).xi
 
     # Same step, all modes to half the sampling rate: what differs is the modes left out.

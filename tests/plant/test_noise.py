@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hertzloop.plant.metrics import noise
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.schemes.thesis2008 import green_functions
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.materials import MATERIALS
@@ -89,7 +89,7 @@ def test_spectrum_of_steps_is_exact():
 
 @pytest.mark.parametrize("beside", [None, (0.28, 0.21)])
 def test_spectrum_gives_the_energy_that_an_undamped_plate_took(beside):
-    plant = CollocationPlant(spec(loss_factor=0.0, actuator_point_m=beside, limit_hz=60e3))
+    plant = ModalPlant(spec(loss_factor=0.0, actuator_point_m=beside, limit_hz=60e3))
     rows = series_under(plant, 20.0 * np.sin(np.arange(300) / 9.0))
     balance = plant.close_balance()
     shares = noise.modal_shares_j(plant.modes, -rows[F_C], rows[F_A], 1e-6, -rows[F_C1])
@@ -99,7 +99,7 @@ def test_spectrum_gives_the_energy_that_an_undamped_plate_took(beside):
 def test_mobility_of_many_modes_is_that_of_an_infinite_plate():
     """Mean of Re Y over frequency: 1/(8 sqrt(B' m''))."""
     plate = Plate(MATERIALS["aluminium"], (0.5, 0.37), 0.003, 0.1)
-    plant = CollocationPlant(
+    plant = ModalPlant(
         spec(limit_hz=100e3, size_m=(0.5, 0.37), contact_point_m=(0.21, 0.163), loss_factor=0.1)
     )
     f = np.linspace(5e3, 20e3, 400)
@@ -110,7 +110,7 @@ def test_mobility_of_many_modes_is_that_of_an_infinite_plate():
 def test_the_published_spectrum_takes_contact_and_actuator_force_in_their_directions():
     """Both act at one point, so their sum is a contact force alone, and the energies agree."""
     what = spec()
-    plant = CollocationPlant(what)
+    plant = ModalPlant(what)
     modes = plant.modes
     force = np.hanning(60)
     green = green_functions(what.plate, modes, 1e-6, 80)[1]

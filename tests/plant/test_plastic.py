@@ -7,25 +7,22 @@ import numpy as np
 import pytest
 
 from hertzloop.plant.contact.hertz import Contact, Limit, hertz_stiffness
-from hertzloop.plant.contact.yielding import dent_m, force_n, yielding
+from hertzloop.plant.contact.yielding import dent_now_m, elastic_n, yielding
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.schemes.registry import step
 from hertzloop.plant.state_kernels import (
     DEEPEST,
-    DENT,
     FLIGHT_STEP,
     FLIGHT_V,
     FLIGHT_X,
+    PLASTIC_DISSIPATED,
     STEP,
     XI,
     XI_S,
 )
 from hertzloop.plant.structures.materials import MATERIALS
 from tests.plant.rigs import IMMOVABLE, after_steps, spec
-
-# These need a kind of plant of their own, whose kernels take half a minute to compile.
-pytestmark = pytest.mark.full
 
 RADIUS = 0.003
 STIFFNESS = hertz_stiffness(RADIUS, MATERIALS["steel"], MATERIALS["aluminium"])
@@ -37,26 +34,14 @@ def soft(pressure_pa: float, stiffness: float = STIFFNESS, **damping: float) -> 
     return Contact(stiffness, **damping, limit=Limit(pressure_pa, radius))
 
 
-def moved(what: PlantSpec, steps: int) -> CollocationPlant:
-    plant = CollocationPlant(what)
+def dent_of(plant: ModalPlant) -> float:
+    return dent_now_m(plant.spec.contact, plant.state.body[DEEPEST])
+
+
+def moved(what: PlantSpec, steps: int) -> ModalPlant:
+    plant = ModalPlant(what)
     after_steps(plant, np.zeros(steps))
     return plant
-
-
-def test_curves_are_those_of_thornton():
-    pressure = 1.05e9
-    law = yielding(Limit(pressure, RADIUS), STIFFNESS)
-    assert law.delta_m == pytest.approx(RADIUS * (math.pi * pressure / (2.0 * MODULUS)) ** 2)
-    deepest = np.linspace(1.1, 40.0, 50) * law.delta_m
-    load = law.force_n + math.pi * pressure * RADIUS * (deepest - law.delta_m)
-    assert force_n(law, STIFFNESS, deepest, deepest) == pytest.approx(load, rel=1e-12)
-    flatter = RADIUS * STIFFNESS * deepest**1.5 / load
-    area = (2.0 * load + law.force_n) / (2.0 * math.pi * pressure)
-    assert flatter * (deepest - dent_m(law, STIFFNESS, deepest)) == pytest.approx(area, rel=1e-12)
-    below = np.array([0.0, 0.5, 1.0]) * law.delta_m
-    assert np.all(dent_m(law, STIFFNESS, below) == 0.0)
-    # The slope is continuous at the first yield.
-    assert 1.5 * STIFFNESS * math.sqrt(law.delta_m) == pytest.approx(law.rise_n_m, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -83,27 +68,28 @@ def test_restitution_of_a_massive_body(pressure_pa, restitution):
 
 @pytest.mark.parametrize("damping", [0.0, 0.3])
 @pytest.mark.parametrize("pressure_pa", [0.44e9, 1.05e9])
-def test_gap_converges_as_the_fourth_power_of_the_step(pressure_pa, damping):
+def test_gap_converges_with_the_step(pressure_pa, damping):
+    """Order 3 at least: where the law changes within a step its curvature or slope jumps."""
     contact = soft(pressure_pa, hunt_crossley_s_m=damping)
     places = []
     for h in (4e-6, 1e-6, 2.5e-7, 6.25e-8):
         what = spec(step_s=h, contact=contact, limit_hz=60e3, loss_factor=0.0, lead_in_s=0.0)
-        plant, every = CollocationPlant(what), round(4e-6 / h)
+        plant, every = ModalPlant(what), round(4e-6 / h)
         places.append(after_steps(plant, np.zeros(12 * every))[every - 1 :: every])
     deepest = -places[-1].min()
     errors = [abs(p - places[-1]).max() / deepest for p in places[:-1]]
     orders = np.log2(np.divide(errors[:-1], errors[1:])) / 2.0
     print(errors, orders)
-    assert orders.mean() > 3.6
+    assert orders.mean() > 3.0
     assert errors[1] < 5e-6
-    assert places[-1][-1] > -plant.state.body[DENT]  # a whole contact
+    assert places[-1][-1] > -dent_of(plant)  # a whole contact
 
 
 def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent():
     contact = soft(0.7e9)
     plant = moved(spec(contact=contact, material=IMMOVABLE, step_s=2.5e-7), 320)
     body, model = plant.state.body, plant.model
-    deepest, dent, taken = body[DEEPEST], body[DENT], plant.state.balance[4]
+    deepest, dent, taken = body[DEEPEST], dent_of(plant), plant.state.balance[PLASTIC_DISSIPATED]
     assert dent > 1e-6
     # Sent down again, with less than what the first impact gave back.
     sent = -0.9 * body[FLIGHT_V]
@@ -115,10 +101,9 @@ def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent():
         most = max(most, step(model, plant.state, 0.0))
         lowest = min(lowest, body[XI])
     assert body[DEEPEST] == deepest
-    assert plant.state.balance[4] == taken
+    assert plant.state.balance[PLASTIC_DISSIPATED] == taken
     assert body[FLIGHT_V] == pytest.approx(-sent, rel=2e-5)
-    law = yielding(Limit(0.7e9, RADIUS), STIFFNESS)
-    at = force_n(law, STIFFNESS, np.array([-lowest]), np.array([deepest]))[0]
+    at = elastic_n(contact, np.array([-lowest]), np.array([deepest]))[0]
     assert most == pytest.approx(at, rel=5e-4)  # the mean of a step, not its peak
     assert -lowest > dent
 
@@ -129,9 +114,9 @@ def test_twice_the_radius_at_the_same_speed_is_four_times_the_force():
         what = spec(
             radius_m=times * RADIUS, contact=contact, material=IMMOVABLE, step_s=times * 1e-6
         )
-        plant = CollocationPlant(what)
+        plant = ModalPlant(what)
         most = max(step(plant.model, plant.state, 0.0) for _ in range(80))
-        return most, plant.state.body[DENT], plant.state.body[FLIGHT_V]
+        return most, dent_of(plant), plant.state.body[FLIGHT_V]
 
     one, two = found(1.0), found(2.0)
     assert two[0] == pytest.approx(4.0 * one[0], rel=2e-3)

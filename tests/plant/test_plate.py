@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.state_kernels import FLIGHT_X, XI, XI_S
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
@@ -116,7 +116,7 @@ def test_all_modes_ring_down_in_closed_form(apart):
     contact = (0.11, 0.2)
     actuator = (0.16, 0.05) if apart else contact
     plant = flying(
-        CollocationPlant(
+        ModalPlant(
             spec(
                 material="oak",
                 size_m=plate.size_m,
@@ -147,7 +147,7 @@ def test_all_modes_ring_down_in_closed_form(apart):
 def test_mobility_of_the_infinite_plate_until_reflections_return():
     # At 250 kHz and below, waves travel at most 2 sqrt(w) (B'/m'')^(1/4) = 5.5 km/s: 1 m to the
     # edge and back takes 360 us.
-    plant = flying(CollocationPlant(spec(size_m=(2.0, 2.0), loss_factor=0.0, limit_hz=250e3)))
+    plant = flying(ModalPlant(spec(size_m=(2.0, 2.0), loss_factor=0.0, limit_hz=250e3)))
     rows = run(plant, 200, np.ones(200))
     mobility = 1.0 / plant.spec.plate.infinite_plate_impedance_n_s_m
     assert plant.spec.plate.infinite_plate_impedance_n_s_m == pytest.approx(308.0, abs=0.5)

@@ -4,11 +4,23 @@ from pathlib import Path
 
 import pytest
 
+from hertzloop.scene.loading import shipped
 from tests.processors import FEW, PROCESSORS, run_digests
 
 SCENES = Path(__file__).parents[1] / "scenes"
-
-THESIS = [(f"thesis-{material}",) for material in ("aluminium", "oak", "sylomer")]
+# Parts of the default scheme that the shipped scenes have not.
+PARTS = (
+    "actuator-dynamics",
+    "hunt-crossley-jitter",
+    "infinite",
+    "mode-file",
+    "sensor-elsewhere",
+    "separate-actuator",
+    "viscous",
+    "yield-large",
+    "relaxation",
+    "precomputed-thesis",
+)
 
 
 def same(scenes, processors=tuple(PROCESSORS)):
@@ -16,10 +28,15 @@ def same(scenes, processors=tuple(PROCESSORS)):
     assert all(other == native for other in others)
 
 
-def test_a_short_run_of_the_published_scheme():
-    same([("thesis-aluminium", "run.duration_s=0.0005")], FEW)
+def test_short_runs_of_both_schemes():
+    scenes = [
+        ("aluminium-3mm", "run.duration_s=0.0012"),
+        ("thesis-aluminium", "run.duration_s=5e-4"),
+    ]
+    same(scenes, FEW)
 
 
 @pytest.mark.full
-def test_the_published_scheme_on_all_processors():
-    same([*THESIS, (str(SCENES / "relaxation.toml"),), (str(SCENES / "precomputed-thesis.toml"),)])
+def test_all_shipped_scenes_and_other_parts_on_all_processors():
+    other = [(str(SCENES / f"{name}.toml"), "run.duration_s=0.003") for name in PARTS]
+    same([*((name, "run.duration_s=0.006") for name in shipped()), *other])

@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hertzloop.plant.plant import Plant, PlantSpec
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.state_kernels import AWAKE, GRAVITY_M_S2, XI_P
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import after_steps, run, spec
@@ -48,9 +48,9 @@ def reference(what: PlantSpec, force: Callable, t: np.ndarray) -> np.ndarray:
 def test_forces_act_from_their_step_on_and_not_before():
     changed = 150  # in the middle of nothing: after the contact
     force = np.zeros(300)
-    rows = run(CollocationPlant(spec(limit_hz=50e3)), 300, force)
+    rows = run(ModalPlant(spec(limit_hz=50e3)), 300, force)
     force[changed] = 1.0
-    pushed = run(CollocationPlant(spec(limit_hz=50e3)), 300, force)
+    pushed = run(ModalPlant(spec(limit_hz=50e3)), 300, force)
     for name in ("xi", "xi_s", "xi_p", "v_p", "f_c"):
         before, after = getattr(rows, name), getattr(pushed, name)
         assert np.array_equal(before[: changed + 1], after[: changed + 1])
@@ -60,9 +60,7 @@ def test_forces_act_from_their_step_on_and_not_before():
 def test_leaving_out_silent_modes_changes_nothing():
     # Oak to 250 kHz: the fastest modes die within milliseconds, the slowest in seconds.
     def oak() -> Plant:
-        return CollocationPlant(
-            spec(material="oak", thickness_m=0.01, limit_hz=250e3, radius_m=0.006)
-        )
+        return ModalPlant(spec(material="oak", thickness_m=0.01, limit_hz=250e3, radius_m=0.006))
 
     steps = 6000
     optimised, awake = oak(), oak()
@@ -87,10 +85,10 @@ SHORT = """
 import json
 import numpy as np
 from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from tests.plant.rigs import run, spec
 for beside in (None, (0.28, 0.25)):
-    plant = CollocationPlant(spec(limit_hz=8e3, actuator_point_m=beside, loss_factor=0.01))
+    plant = ModalPlant(spec(limit_hz=8e3, actuator_point_m=beside, loss_factor=0.01))
     rows = run(plant, 200, 20.0 * np.sin(np.arange(200) / 9.0))
     balance = vars(plant.close_balance())
     print(json.dumps([rows.xi.tolist(), rows.v_p.tolist(), rows.f_c.tolist(), balance]))

@@ -138,7 +138,7 @@ def test_an_exploding_loop_is_drawn_by_its_first_contact(tmp_path):
     record_in_process(unstable, tmp_path / "a.mcap", compiled=True)
     shown = replaying.prepare(read(tmp_path / "a.mcap"))
     assert shown.labels.lines[0].startswith("UNSTABLE: ")
-    assert any(line.startswith("**Unstable** from 7.547 ms") for line in shown.labels.lines)
+    assert any(line.startswith("**Unstable** from 7.612 ms") for line in shown.labels.lines)
     assert shown.drawn.heights >= 10.0
     assert np.abs(scene3d.vertices(shown.deflection, shown.drawn)[..., 2]).max() <= 0.16
     assert shown.when.still_ns + shown.when.zoom_ns[1] < 7_650_000

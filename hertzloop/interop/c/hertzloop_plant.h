@@ -54,7 +54,6 @@ typedef struct {
     double contact_j;            /* stored in the contact */
     double injected_j;           /* by the actuator, so far */
     double modal_dissipated_j;   /* lost in the plate, so far */
-    double truncated_dissipated_j;    /* gone to modes left out */
     double contact_dissipated_j;
     double plastic_dissipated_j;
     double residual;             /* missing part of the energy balance, relative */

@@ -49,7 +49,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     """
     form = plant_in_flight(setup)
     modal = build_plant(setup.with_plate_model("modal"), flight=True)
-    count = modal.model.table.shape[1]
+    count = len(modal.modes.omega)
     z = np.exp(2j * math.pi * frequency_hz * setup.step_s)
     weights = np.abs(form.residues / (z - form.poles))[:count]
     largest = int(np.argmax(weights))

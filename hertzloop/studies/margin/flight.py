@@ -11,7 +11,7 @@ from hertzloop.studies.margin.gain import gain_margin, sensitivity
 from hertzloop.studies.margin.growth import Growth, fastest_hz, growth_of, outside_poles
 from hertzloop.studies.margin.identify import NotLinearError
 from hertzloop.studies.margin.latency import crossing_after, latency_limit, stable_windows
-from hertzloop.studies.margin.linear import linear_model
+from hertzloop.studies.margin.linear import linear_plant
 from hertzloop.studies.margin.loop import loops_of, why_no_loop
 
 
@@ -114,6 +114,6 @@ def _margin_of(setup: Setup) -> Margin:
         peak_sensitivity=peak,
         disk_margin=disk,
         binding_frequency_hz=binding,
-        modes=linear_model(setup).table.shape[1],
+        modes=len(linear_plant(setup).modes.omega),
         step_ns=setup.step_ns,
     )

@@ -5,22 +5,13 @@ P(Z) = sum of [R/(Z - p) + conjugate] + sum of real poles + b_1/Z + b_2/Z^2.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from hertzloop.plant.actuator import LinearActuator, linear_form
-from hertzloop.plant.schemes import collocation_kernels
-from hertzloop.plant.schemes.collocation_kernels import (
-    A1_IM,
-    A1_RE,
-    A_IM,
-    A_RE,
-    B_C,
-    OUT,
-    ROT_IM,
-    ROT_RE,
-)
+from hertzloop.plant.schemes.modal import ModalPlant
+from hertzloop.plant.schemes.modal_kernels import ModalModel
+from hertzloop.plant.structures.linear import IM, RE, V, X
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -200,58 +191,43 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
             f"sensors.quantity = '{quantity}': has no linear response in flight. "
             "Use 'v_p', 'acceleration' or 'xi'."
         )
-    model = linear_model(setup)
+    model = linear_plant(setup).model
     form = by_command(model, gap=quantity == "xi")
     form = through_sensor(form, build_sensor(setup).model)
     return form.difference(model.step_s) if quantity == "acceleration" else form
 
 
-def linear_model(setup: Setup) -> collocation_kernels.CollocationModel:
-    """Return the compiled plant with its modes. Raises SceneError for another scheme."""
-    model = build_plant(setup.with_plate_model("modal"), flight=True).model
-    if not isinstance(model, collocation_kernels.CollocationModel):
+def linear_plant(setup: Setup) -> ModalPlant:
+    """Return the plant with its modes. Raises SceneError for another scheme."""
+    plant = build_plant(setup.with_plate_model("modal"), flight=True)
+    if not isinstance(plant, ModalPlant):
         raise SceneError(
             "run.scheme: the margin needs the scheme 'modal'. Set run.scheme = 'modal'."
         )
-    return model
+    return plant
 
 
-def by_command(model: collocation_kernels.CollocationModel, gap: bool) -> PoleForm:
+def by_command(model: ModalModel, gap: bool) -> PoleForm:
     """Return the response to a command of the gap, or of the plate velocity where the sensor is."""
-    t = model.table
-    poles = t[ROT_RE] + 1j * t[ROT_IM]
-    rho = np.broadcast_to(np.asarray(model.rho), poles.shape)
-    probe = None if gap else model.probe
-    at_sensor = t[B_C] if probe is None else probe.weight
-    weight = 1j * t[OUT] if gap else at_sensor * (1.0 + 1j * rho)
-    by = [t[A_RE] + 1j * t[A_IM], t[A1_RE] + 1j * t[A1_IM]]
-    residues = [0.5 * weight * b for b in by]
-    fir = [0.0, 0.0]
-    mode = model.residual_mode
-    if mode is not None and model.same_point and probe is None:
-        look = 1j if gap else complex(mode.speed_re, -mode.speed_im)
-        poles, residues = _with_residual_mode(poles, residues, mode, look)
-        if not gap:
-            fir = [mode.mobility_m_ns] * 2
-    if model.same_point and model.flexibility_m_n and probe is None:
-        if gap:
-            fir = [f - model.flexibility_m_n for f in fir]
-        else:
-            fir[1] += 2.0 * model.flexibility_m_n / model.step_s
-    forms = [PoleForm(poles, r, np.array([f, 0.0])) for r, f in zip(residues, fir, strict=True)]
-    actuator = linear_form(model.actuator)
-    if actuator is None:
-        raise SceneError(
-            "actuator: its force is not linear in the command, so the loop has no linear response. "
-            "Use 'hertzloop budget' to find how much latency the law tolerates."
-        )
-    return _through_actuator(forms[0], forms[1], actuator)
+    linear, force = model.linear, model.actuator_force
+    there = np.any(linear.turn != 0.0, axis=0)  # the rest fills up a multiple of eight
 
+    def numbers(pairs: np.ndarray) -> np.ndarray:
+        return np.asarray(pairs[..., RE, there] + 1j * pairs[..., IM, there])
 
-def _with_residual_mode(
-    poles: np.ndarray, residues: list[np.ndarray], mode: Any, look: complex
-) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return poles and residues by mean and slope with those of a residual mode."""
-    drives = complex(mode.by_0_re, mode.by_0_im), complex(mode.by_1_re, mode.by_1_im)
-    more = [np.append(r, 0.5 * look * d) for r, d in zip(residues, drives, strict=True)]
-    return np.append(poles, complex(mode.turn_re, mode.turn_im)), more
+    poles, by_mean, by_slope = (numbers(part) for part in (linear.turn, *linear.drive[force]))
+    if gap:
+        weight, at_once = -numbers(linear.see[0, X]).conj(), 0.0
+    else:
+        weight = numbers(linear.see[model.sensor_point, V]).conj()
+        at_once = float(linear.direct[model.sensor_point, force])
+    first = [at_once, at_once]
+    if gap:
+        first = [-model.own_spring_m_n] * 2
+    elif model.sensor_point == 0:
+        first[1] += 2.0 * model.own_spring_m_n / model.step_s
+    forms = [
+        PoleForm(poles, 0.5 * weight * drive, np.array([fir, 0.0]))
+        for drive, fir in zip((by_mean, by_slope), first, strict=True)
+    ]
+    return _through_actuator(forms[0], forms[1], linear_form(model.actuator))

@@ -7,7 +7,7 @@ import pytest
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
-from hertzloop.plant.schemes.collocation import CollocationPlant
+from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import Setup, load
 from hertzloop.views.details import what_limits
@@ -40,7 +40,7 @@ DAMPED_CONTACT = ["controller.law=off", "contact.damping=hunt_crossley"]
 def impact_of(setup: Setup, limit_hz: float, damped: bool) -> tuple[Impact, Balance]:
     """First impact with modes up to a limit, and a damped mode or a spring for the others."""
     spec = replace(setup.plant, frequency_limit_hz=limit_hz, damped_residual=damped)
-    done = simulate(setup, own_plant=CollocationPlant(spec))
+    done = simulate(setup, own_plant=ModalPlant(spec))
     return impacts_in(spec, done.truth)[0], done.balance
 
 
@@ -62,7 +62,7 @@ def test_errors_of_both_models_of_the_truncated_modes(settings, limit_hz, spring
     assert by_mode.plate_energy_j / best.plate_energy_j - 1.0 == pytest.approx(damped, abs=digits)
     rebound = by_mode.rebound_speed_m_s - best.rebound_speed_m_s
     assert abs(rebound / best.impact_speed_m_s) < 5e-5
-    assert balance.truncated_dissipated_j > 0.0
+    assert balance.modal_dissipated_j > 0.0
     assert max(abs(balance.energy_residual), abs(balance.momentum_residual)) < 1e-10
     if spring is not None:
         by_spring, _ = impact_of(setup, limit_hz, damped=False)

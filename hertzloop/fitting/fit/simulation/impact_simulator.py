@@ -213,8 +213,7 @@ class ImpactSimulator:
         self, spec: PlantSpec, plant: Any, time_s: np.ndarray, truth: np.ndarray
     ) -> SimulatedImpact:
         """Return the rows of a plant as a simulated drop."""
-        mode, sphere = plant.model.residual_mode, spec.sphere
-        mobility = 0.0 if mode is None else mode.mobility_m_ns
+        sphere, mobility = spec.sphere, float(plant.model.linear.direct[0, 0])
         pushed = mobility if spec.same_point and np.any(truth[ts.F_A]) else 0.0
         held = spec.actuator.bandwidth_hz is None
         return SimulatedImpact(
@@ -234,7 +233,7 @@ class ImpactSimulator:
         Raises:
             SceneError: the plant cannot be built.
         """
-        from hertzloop.plant.schemes.collocation import with_contact
+        from hertzloop.plant.schemes.modal import with_contact
 
         key = (
             spec.plate,

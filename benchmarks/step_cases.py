@@ -1,0 +1,54 @@
+"""Time of a step in one checkout: a process that measures the cases that it reads, line by line.
+
+It is run by its path with the code of any checkout, so it imports hertzloop alone.
+"""
+
+import json
+import sys
+import time
+from functools import cache
+
+import numpy as np
+
+from hertzloop.loop.simulate import IN_LOOP, simulate
+from hertzloop.plant.plant import Plant
+from hertzloop.plant.time_series import COLUMNS, plant_alone
+from hertzloop.scene.build import build_plant
+from hertzloop.scene.setup import Setup, load
+
+_MOST_STEPS = 60_000
+
+
+@cache
+def case_of(scene: str, yields: bool, points: int) -> tuple[Setup, Plant]:
+    """A scene file whose actuator is at the contact; or (3 points) 15 mm beside it, with a
+    sensor of the plate's velocity 30 mm beside it. `yields`: so does the contact."""
+    x, y = load(scene).plant.contact_point_m
+    keys = [f"plate.actuator_point_m=[{x},{y}]"]
+    if points == 3:
+        keys = [f"plate.actuator_point_m=[{x + 0.015},{y}]", f"sensors.point_m=[{x},{y + 0.03}]"]
+        keys += ["sensors.quantity=v_p", "controller.law=velocity_feedback", "controller.kappa=0.1"]
+    if yields:
+        keys += ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9"]
+    setup = load(scene, keys)
+    setup = setup.with_steps(min(setup.steps, _MOST_STEPS))
+    return setup, build_plant(setup)
+
+
+def step_us(scene: str, yields: bool, points: int, force_n: float | None) -> float:
+    """Processor time of a step, us: of the plant alone under a force, or of the whole loop."""
+    setup, plant = case_of(scene, yields, points)
+    plant = plant.at_start()
+    if force_n is None:
+        IN_LOOP.running, IN_LOOP.seconds = True, 0.0
+        simulate(setup, own_plant=plant)
+        return 1e6 * IN_LOOP.seconds / setup.steps
+    forces, truth = np.full(setup.steps, force_n), np.ones((COLUMNS, setup.steps))
+    started = time.thread_time()
+    plant_alone(plant.model, plant.state, forces, truth)
+    return 1e6 * (time.thread_time() - started) / setup.steps
+
+
+if __name__ == "__main__":
+    for line in sys.stdin:
+        print(json.dumps(step_us(*json.loads(line))), flush=True)

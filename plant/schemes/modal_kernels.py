@@ -1,0 +1,401 @@
+"""Compiled kernels of the default scheme `modal`: one step of sphere, contact and structure.
+
+The structure is `plant.structures.linear.Linear`: its poles are propagated exactly under forces
+that are linear over a step, F(t) = F_0 + F_1 P(t), P = 2 t/h - 1. The contact force is the
+projection of the contact law on such functions, so the scheme has order 4, and it conserves
+energy (`plant.contact.contact_kernels`).
+
+Step k runs from time k h to (k+1) h. The contact force F_c > 0 pushes the sphere up and the
+structure down, the actuator force F_a > 0 pushes the structure up. Force 0 acts at the contact; the
+actuator's is the last one, the same if it acts there too. Point 0 is the contact. Forces of a step
+are folded into the poles when the next step propagates these. Nothing here allocates.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hertzloop.common.jit import kernel
+from hertzloop.plant import actuator_kernels as act
+from hertzloop.plant import state_kernels
+from hertzloop.plant.actuator_kernels import ActuatorModel
+from hertzloop.plant.contact import contact_kernels
+from hertzloop.plant.contact.contact_kernels import ContactModel, Path
+from hertzloop.plant.lanes import LANES, fma, load, mul, neg, splat, store, total
+from hertzloop.plant.state_kernels import (
+    A_P,
+    A_S,
+    AWAKE,
+    DEEPEST,
+    F_A,
+    F_A1,
+    F_C,
+    F_C1,
+    FALLBACKS,
+    INJECTED,
+    LOOK_EVERY,
+    MODAL_DISSIPATED,
+    NEWTON_MAX,
+    NEWTON_TOTAL,
+    PLASTIC_DISSIPATED,
+    SILENT_M,
+    STEP,
+    V_P,
+    V_P_OF_STEP,
+    V_S,
+    XI,
+    XI_A,
+    XI_P,
+    XI_S,
+)
+from hertzloop.plant.structures.linear import IM, MEAN, RE, Linear, V, X
+
+CONTACT = 0  # force and point of the contact
+# Further indices into the state's body: work done on the contact and its spring (J), what the
+# actuator bends that spring by (m).
+CONTACT_WORK, OWN = range(state_kernels.BODY_SIZE, state_kernels.BODY_SIZE + 2)
+BODY_SIZE = state_kernels.BODY_SIZE + 2
+# Further index into the state's balance: work of all forces on the structure, J.
+WORK = state_kernels.BALANCE_SIZE
+BALANCE_SIZE = state_kernels.BALANCE_SIZE + 1
+
+
+class ModalState(NamedTuple):
+    """What changes.
+
+    `z`: of the poles, (2, n); `force`: F_0 and F_1 of the last step, (forces, 2); `seen`:
+    displacement and velocity of every point at its end, without what follows a force at once,
+    (points, 2); `before`: the same at its start; scalars by the indices of
+    `hertzloop.plant.state_kernels`.
+    """
+
+    z: np.ndarray
+    force: np.ndarray
+    seen: np.ndarray
+    before: np.ndarray
+    body: np.ndarray
+    balance: np.ndarray
+    counts: np.ndarray
+
+
+class ModalModel(NamedTuple):
+    """What does not change during a run.
+
+    `by_0`, `by_1`: change of the gap by a unit F_0 and F_1 of the contact force. `own_spring_m_n`:
+    the spring of the modes left out, as far as the actuator bends it.
+    """
+
+    step_s: float
+    mass_kg: float
+    gravity_m_s2: float
+    linear: Linear
+    contact: ContactModel
+    by_0: Path
+    by_1: Path
+    actuator: ActuatorModel
+    actuator_force: int
+    actuator_point: int
+    sensor_point: int
+    own_spring_m_n: float
+    damped: bool
+
+
+@kernel(copied=True)
+def fold(linear, z, awake, force, f0, f1):
+    """Let F_0 and F_1 of a force act on the poles."""
+    by_re, by_im = linear.drive[force, :, RE], linear.drive[force, :, IM]
+    a, b = splat(f0), splat(f1)
+    for k in range(0, awake, LANES):
+        store(z[RE], k, fma(load(by_re[1], k), b, fma(load(by_re[0], k), a, load(z[RE], k))))
+        store(z[IM], k, fma(load(by_im[1], k), b, fma(load(by_im[0], k), a, load(z[IM], k))))
+
+
+@kernel(copied=True)
+def turn(linear, z, awake):
+    """Turn the poles by a step; displacement (m) and velocity (m/s) of the contact point then."""
+    x_by, v_by = linear.see[CONTACT, X], linear.see[CONTACT, V]
+    x = v = splat(0.0)
+    for k in range(0, awake, LANES):
+        a, b = load(z[RE], k), load(z[IM], k)
+        cos, sin = load(linear.turn[RE], k), load(linear.turn[IM], k)
+        re, im = fma(neg(sin), b, mul(cos, a)), fma(sin, a, mul(cos, b))
+        store(z[RE], k, re)
+        store(z[IM], k, im)
+        x = fma(load(x_by[IM], k), im, fma(load(x_by[RE], k), re, x))
+        v = fma(load(v_by[IM], k), im, fma(load(v_by[RE], k), re, v))
+    return total(x), total(v)
+
+
+@kernel(part=True)
+def look(by, z, awake):
+    """What factors of Re z and Im z, (2, n), make of the poles."""
+    seen = splat(0.0)
+    for k in range(0, awake, LANES):
+        seen = fma(load(by[IM], k), load(z[IM], k), fma(load(by[RE], k), load(z[RE], k), seen))
+    return total(seen)
+
+
+@kernel(copied=True)
+def wake(state):
+    """How many poles have to be propagated: all after a force, else those that have not died away.
+
+    Those of high frequency that have are set to zero from time to time: the numbers that they
+    would become are slow.
+    """
+    z, counts = state.z, state.counts
+    for force in range(state.force.shape[0]):
+        if state.force[force, 0] != 0.0 or state.force[force, 1] != 0.0:
+            counts[AWAKE] = z.shape[1]
+            return counts[AWAKE]
+    if counts[STEP] % LOOK_EVERY == 0:
+        n = counts[AWAKE]
+        while n > 0 and abs(z[RE, n - 1]) + abs(z[IM, n - 1]) <= SILENT_M:
+            n -= 1
+            z[RE, n] = 0.0
+            z[IM, n] = 0.0
+        counts[AWAKE] = (n + LANES - 1) // LANES * LANES
+    return counts[AWAKE]
+
+
+@kernel(copied=True)
+def propagate(linear, state):
+    """Propagate the poles by a step under the forces of the last one; what is seen at its end."""
+    z, seen = state.z, state.seen
+    awake = wake(state)
+    for point in range(seen.shape[0]):
+        state.before[point, X] = seen[point, X]
+        state.before[point, V] = seen[point, V]
+    for force in range(state.force.shape[0]):
+        f0, f1 = state.force[force, 0], state.force[force, 1]
+        if f0 != 0.0 or f1 != 0.0:
+            fold(linear, z, awake, force, f0, f1)
+            state.force[force, 0] = state.force[force, 1] = 0.0
+    seen[CONTACT, X], seen[CONTACT, V] = turn(linear, z, awake)
+    for point in range(1, seen.shape[0]):
+        seen[point, X] = look(linear.see[point, X], z, awake)
+        seen[point, V] = look(linear.see[point, V], z, awake)
+    return awake
+
+
+@kernel(part=True)
+def push(linear, state, force, f0, f1):
+    """Let F_0 and F_1 (N) of a force act in this step: add what they do to every point."""
+    state.force[force, 0] += f0
+    state.force[force, 1] += f1
+    for point in range(state.seen.shape[0]):
+        for what in (X, V):
+            gain = linear.gain[point, what, force]
+            state.seen[point, what] += gain[0] * f0 + gain[1] * f1
+
+
+@kernel(part=True)
+def mean_of(linear, state, awake, point):
+    """Mean displacement of a point over the step under the forces of it so far, m."""
+    mean = look(linear.see[point, MEAN], state.z, awake)
+    for force in range(state.force.shape[0]):
+        gain = linear.gain[point, MEAN, force]
+        mean += gain[0] * state.force[force, 0] + gain[1] * state.force[force, 1]
+    return mean
+
+
+@kernel(copied=True)
+def work_of(state, point, mean, f0, f1):
+    """Work of F_0 + F_1 P up on a point that moves by its `mean`, J."""
+    begin, end = state.before[point, X], state.seen[point, X]
+    return f0 * (end - begin) + f1 * (end + begin - 2.0 * mean)
+
+
+@kernel(part=True)
+def settle(model, state, gap, guess):
+    """Let the contact be at a modal gap, with the work done on it: its force (N), and that by the
+    penetration (N/m); `guess`: a force nearby (N)."""
+    body, contact = state.body, model.contact
+    if gap >= -dent_now(model, body):
+        guess = 0.0
+    force, slope, body[CONTACT_WORK], p = contact_kernels.in_series(
+        contact, gap, body[DEEPEST], guess
+    )
+    deepen(model, state, p)
+    return force, slope
+
+
+@kernel(part=True)
+def deepen(model, state, p):
+    """Note a penetration (m), if none was deeper and the contact yields; book what that takes."""
+    if p > model.contact.yield_m and p > state.body[DEEPEST]:
+        state.body[DEEPEST] = p
+        state.balance[PLASTIC_DISSIPATED] = contact_kernels.taken(model.contact, p)
+
+
+@kernel(part=True)
+def dent_now(model, body):
+    """Dent that there is, m."""
+    return contact_kernels.dent(model.contact, body[DEEPEST])
+
+
+@kernel(copied=True)
+def gap_without_contact(model, state, sphere, own_0, own_1, f_a, f_a1):
+    """The modal gap over the step without a contact force, but for its mean; `sphere`: heights and
+    velocities at both ends."""
+    h = model.step_s
+    height_0, speed_0, height_1, speed_1 = sphere
+    at_once = model.linear.direct[CONTACT, model.actuator_force]
+    start, end = state.before[CONTACT, V], state.seen[CONTACT, V]
+    bends = own_1 - own_0
+    return Path(
+        height_0 - state.before[CONTACT, X] - own_0,
+        height_1 - state.seen[CONTACT, X] - own_1,
+        h * (speed_0 - start - at_once * (f_a - f_a1)) - bends,
+        h * (speed_1 - end - at_once * (f_a + f_a1)) - bends,
+        0.0,
+    )
+
+
+@kernel(copied=True)
+def touches(free, rest):
+    """Whether the contact can have a force in the step, from the gap without it; `rest`: the gap
+    at which contact begins."""
+    return free.start < rest or free.end < rest or free.slope_0 < 0.0 < free.slope_1
+
+
+@kernel(copied=True)
+def contact_force(model, state, free):
+    """Contact force of the step, F_0 and F_1 (N), and what damping takes (J)."""
+    body, counts = state.body, state.counts
+    # To begin with, no jump between steps.
+    guess_1 = body[F_C1]
+    f0, f1, lost, reached, rounds, done = contact_kernels.solve_contact(
+        model.contact,
+        free,
+        model.by_0,
+        model.by_1,
+        body[CONTACT_WORK],
+        body[DEEPEST],
+        body[F_C] + 2.0 * guess_1,
+        guess_1,
+        model.step_s,
+    )
+    deepen(model, state, reached)
+    counts[NEWTON_TOTAL] += rounds
+    counts[NEWTON_MAX] = max(counts[NEWTON_MAX], rounds)
+    if not done:
+        counts[FALLBACKS] += 1
+    return f0, f1, lost
+
+
+@kernel(copied=True)
+def plate_speed(model, state, sphere_v, bends, force, slope):
+    """Velocity of the contact point at the end of the step, m/s, under a contact force `force` (N)
+    there, damping left out, of `slope` (N/m); `bends`: what the actuator's force bends the spring
+    of the modes left out by over the step (m)."""
+    contact, linear, spring = model.contact, model.linear, model.contact.spring_m_n
+    actuator = model.actuator_force
+    damper = 0.0
+    if force > 0.0:
+        damper = contact.viscous_n_s_m + contact.hunt_crossley_s_m * force
+    speed = state.seen[CONTACT, V] + bends / model.step_s
+    speed += linear.direct[CONTACT, actuator] * (state.body[F_A] + state.body[F_A1])
+    # What follows the contact force at once, and with it the damper's.
+    at_once = linear.direct[CONTACT, CONTACT]
+    speed = (speed + at_once * (damper * sphere_v - force)) / (1.0 + at_once * damper)
+    # The spring gives way as the force changes with the gap.
+    return speed + spring * slope / (1.0 + spring * slope) * (sphere_v - speed)
+
+
+@kernel(copied=True)
+def observe(model, state, sphere, sphere_v, own, speed, force):
+    """Write what can be seen at the end of the step: gap, plate and sensor. The contact force
+    `force` (N) and `own` (m) bend the spring of the modes left out."""
+    body, h = state.body, model.step_s
+    plate = state.seen[CONTACT, X] + own - model.contact.spring_m_n * force
+    body[V_P_OF_STEP] = body[V_P]
+    body[A_P] = (speed - body[V_P]) / h
+    body[V_P] = speed
+    body[XI] = sphere - plate
+    body[XI_S] = sphere
+    body[XI_P] = plate
+    at = model.actuator_point
+    body[XI_A] = plate if at == CONTACT else state.seen[at, X]
+    seen = state.seen[model.sensor_point, V]
+    body[A_S] = (seen - body[V_S]) / h
+    body[V_S] = seen
+
+
+@kernel(part=True)
+def step(model, state, command):
+    """Advance one step under a commanded actuator force (N); returns the mean contact force (N)."""
+    linear, body, balance, counts = model.linear, state.body, state.balance, state.counts
+    f_a, f_a1 = act.force(model.actuator, body, command)
+    awake = propagate(linear, state)
+    push(linear, state, model.actuator_force, f_a, f_a1)
+    sphere = state_kernels.flight(model, body, counts)
+
+    own_0 = model.own_spring_m_n * (f_a - f_a1)
+    own_1 = model.own_spring_m_n * (f_a + f_a1)
+    free = gap_without_contact(model, state, sphere, own_0, own_1, f_a, f_a1)
+    if own_0 != body[OWN]:  # the actuator's force jumps, and bends the spring in the contact
+        before = body[CONTACT_WORK]
+        settle(model, state, free.start, body[F_C] + body[F_C1])
+        balance[INJECTED] += body[CONTACT_WORK] - before
+    body[OWN] = own_1
+
+    f_c = f_c1 = lost = 0.0
+    _, _, height, speed = sphere
+    if touches(free, -dent_now(model, body)):
+        gravity = model.gravity_m_s2 * model.step_s * model.step_s
+        mean = sphere[0] + 0.5 * model.step_s * sphere[1] - gravity / 6.0
+        mean -= mean_of(linear, state, awake, CONTACT) + 0.5 * (own_0 + own_1)
+        free = Path(free.start, free.end, free.slope_0, free.slope_1, mean)
+        f_c, f_c1, lost = contact_force(model, state, free)
+    if f_c != 0.0 or f_c1 != 0.0:
+        push(linear, state, CONTACT, -f_c, -f_c1)
+        height, speed = state_kernels.push(model, state, height, speed, f_c, f_c1, lost)
+        moved = mean_of(linear, state, awake, CONTACT)
+        balance[WORK] += work_of(state, CONTACT, moved, -f_c, -f_c1)
+    if f_a != 0.0 or f_a1 != 0.0:
+        moved = mean_of(linear, state, awake, model.actuator_point) if f_a1 != 0.0 else 0.0
+        work = work_of(state, model.actuator_point, moved, f_a, f_a1)
+        balance[WORK] += work
+        balance[INJECTED] += work + (own_1 - own_0) * f_c
+    gap = height - state.seen[CONTACT, X] - own_1
+    force, slope = settle(model, state, gap, f_c + f_c1)
+    body[F_C] = f_c
+    body[F_C1] = f_c1
+    body[F_A] = f_a
+    body[F_A1] = f_a1
+    plate_v = plate_speed(model, state, speed, own_1 - own_0, force, slope)
+    observe(model, state, height, speed, own_1, plate_v, force)
+    counts[STEP] += 1
+    return f_c
+
+
+@kernel(part=True)
+def modal_energy(drive, energy, z, forces):
+    """Kinetic and elastic energy of the structure at the present step, J, under the forces of the
+    last one."""
+    kept = 0.0
+    for n in range(z.shape[1]):
+        re, im = z[RE, n], z[IM, n]
+        for force in range(forces.shape[0]):
+            f0, f1 = forces[force, 0], forces[force, 1]
+            re += drive[force, 0, RE, n] * f0 + drive[force, 1, RE, n] * f1
+            im += drive[force, 0, IM, n] * f0 + drive[force, 1, IM, n] * f1
+        kept += energy[0, n] * re * re + energy[1, n] * re * im + energy[2, n] * im * im
+    return kept
+
+
+@kernel
+def close_balance(model, state):
+    """Book what the structure has lost until the present step: the work done on it, less what it
+    keeps. Returns the `modal_energy` then, J."""
+    linear = model.linear
+    kept = modal_energy(linear.drive, linear.energy, state.z, state.force)
+    if model.damped:
+        state.balance[MODAL_DISSIPATED] = state.balance[WORK] - kept
+    return kept
+
+
+@kernel(part=True)
+def contact_energy(model, state):
+    """Energy stored in the contact and the spring of the modes left out, J."""
+    return state.body[CONTACT_WORK] - state.balance[PLASTIC_DISSIPATED]
