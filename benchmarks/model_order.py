@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -169,6 +170,19 @@ def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
 def material_name(plate: Plate) -> str:
     """Name of the shipped material that a random plate is of."""
     return next(name for name, material in MATERIALS.items() if material is plate.material)
+
+
+def sphere_and_plate_keys(spec: PlantSpec) -> dict[str, Any]:
+    """Keys of a scene with the sphere and the plate of a description."""
+    sphere, plate = spec.sphere, spec.simply_supported
+    return {
+        "sphere.radius_m": sphere.radius_m,
+        "sphere.drop_height_m": sphere.drop_height_m,
+        "plate.material": material_name(plate),
+        "plate.size_m": list(plate.size_m),
+        "plate.thickness_m": plate.thickness_m,
+        "plate.contact_point_m": list(spec.contact_point_m),
+    }
 
 
 def _draw(path: Path, found: list[Outcome]) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.model_order import material_name, random_spec
+from benchmarks.model_order import random_spec, sphere_and_plate_keys
 from benchmarks.random_scenes import as_options, typed
 from benchmarks.results import Results
 from benchmarks.scenes import load
@@ -72,16 +72,8 @@ def random_keys(random: np.random.Generator) -> dict[str, Any]:
     """Keys of a scene without control: a sphere and a plate as in `study`, and a contact with
     Hunt-Crossley's damper, restitution 0.3 to 0.9, or one that yields below its elastic peak."""
     spec = random_spec(random)
-    sphere, plate = spec.sphere, spec.simply_supported
-    keys: dict[str, Any] = {
-        "sphere.radius_m": sphere.radius_m,
-        "sphere.drop_height_m": sphere.drop_height_m,
-        "plate.material": material_name(plate),
-        "plate.size_m": list(plate.size_m),
-        "plate.thickness_m": plate.thickness_m,
-        "plate.contact_point_m": list(spec.contact_point_m),
-    }
-    keys = {key: typed(value) for key, value in keys.items()}
+    sphere = spec.sphere
+    keys = {key: typed(value) for key, value in sphere_and_plate_keys(spec).items()}
     if random.random() < 0.5:
         e = typed(random.uniform(0.3, 0.9))
         return keys | {"contact.damping": "hunt_crossley", "contact.restitution": e}

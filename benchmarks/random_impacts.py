@@ -17,7 +17,7 @@ import numpy as np
 
 from benchmarks import integrator_kernels as ik
 from benchmarks.integrator_kernels import Impact
-from benchmarks.model_order import material_name, random_spec
+from benchmarks.model_order import random_spec, sphere_and_plate_keys
 from benchmarks.program import OutDirOption, QuickOption, ScenesOption, SeedOption, median, start
 from benchmarks.random_scenes import as_options, drawn, typed
 from benchmarks.results import Columns, results_in
@@ -75,15 +75,9 @@ class Outcome:
 def random_keys(random: np.random.Generator) -> dict[str, Any]:
     """Keys of a scene: sphere, plate, contact, law."""
     spec = random_spec(random)
-    sphere, plate, (x, y) = spec.sphere, spec.simply_supported, spec.contact_point_m
+    sphere, (x, y) = spec.sphere, spec.contact_point_m
     m, s, v = sphere.mass_kg, spec.contact.stiffness, sphere.impact_speed_m_s
-    keys: dict[str, Any] = {
-        "sphere.radius_m": sphere.radius_m,
-        "sphere.drop_height_m": sphere.drop_height_m,
-        "plate.material": material_name(plate),
-        "plate.size_m": list(plate.size_m),
-        "plate.thickness_m": plate.thickness_m,
-        "plate.contact_point_m": [x, y],
+    keys = sphere_and_plate_keys(spec) | {
         "plate.loss_factor": float(random.choice([0.0, 10.0 ** random.uniform(-4.0, -0.5)])),
         "controller.v_thr_m_s": -v * float(random.uniform(0.2, 0.8)),
         "controller.kappa": float(random.uniform(-0.5, 0.9)),
