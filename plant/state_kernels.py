@@ -62,6 +62,18 @@ def push(model, state, sphere, sphere_v, f_c, f_c1, lost):
     return sphere, sphere_v
 
 
+@kernel(part=True)
+def observe(body, step_s, sphere, plate, speed):
+    """Write what can be seen at the contact at the end of the step: heights of sphere and plate
+    (m), and the velocity of the plate (m/s)."""
+    body[V_P_OF_STEP] = body[V_P]
+    body[A_P] = (speed - body[V_P]) / step_s
+    body[V_P] = speed
+    body[XI] = sphere - plate
+    body[XI_S] = sphere
+    body[XI_P] = plate
+
+
 @kernel
 def released(speed, gravity, lead_s, step_s, touch_phase):
     """Height (m) and velocity (m/s, up) of a sphere `lead_s` before it hits a plate at rest at

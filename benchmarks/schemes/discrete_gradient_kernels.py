@@ -18,7 +18,6 @@ from hertzloop.plant.schemes.modal_kernels import (
     push,
 )
 from hertzloop.plant.state_kernels import (
-    A_P,
     F_A,
     F_C,
     FALLBACKS,
@@ -26,12 +25,8 @@ from hertzloop.plant.state_kernels import (
     NEWTON_MAX,
     NEWTON_TOTAL,
     STEP,
-    V_P,
-    V_P_OF_STEP,
     XI,
     XI_A,
-    XI_P,
-    XI_S,
 )
 from hertzloop.plant.structures.linear import Linear, V, X
 
@@ -161,13 +156,7 @@ def step(model, state, f_a):
     injected = f_a * (there - state.before[model.actuator, X])
     state.balance[INJECTED] += injected
     state.balance[WORK] += injected - f_c * (plate - state.before[CONTACT, X])
-    speed = state.seen[CONTACT, V]
-    body[V_P_OF_STEP] = body[V_P]
-    body[A_P] = (speed - body[V_P]) / h
-    body[V_P] = speed
-    body[XI] = sphere - plate
-    body[XI_S] = sphere
-    body[XI_P] = plate
+    state_kernels.observe(body, h, sphere, plate, state.seen[CONTACT, V])
     body[XI_A] = there
     body[F_C] = f_c
     body[F_A] = f_a

@@ -30,8 +30,8 @@ def kernel(
         inline: becomes part of its callers, which call it once a step or oftener.
         part: the same, without an entry for Python, whose making takes long where arguments are
             large. A call from Python ends the process.
-        copied: its source is copied into its callers. For what does little but call a large
-            kernel, which would be compiled for it once more.
+        copied: its source is copied into its callers. For what one kernel alone calls, and for what
+            does little but call a large kernel, which would be compiled for it once more.
         allocates: it makes arrays, or returns one that it was given or a part of it. All others
             borrow the arrays of their caller without counting references, which takes 0.3 to 0.5 us
             a step.

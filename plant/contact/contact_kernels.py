@@ -99,10 +99,9 @@ def law(contact, p, deepest):
         return line(contact, p)
     stiffness, at, lost = contact.stiffness, 0.0, 0.0
     if deepest > contact.yield_m:
-        most, _, work = line(contact, deepest)
-        back = most / (stiffness * math.sqrt(deepest))
-        stiffness = most / (back * math.sqrt(back))
-        at, lost = deepest - back, work - 0.4 * most * back
+        back = recovered(contact, deepest)
+        stiffness = line(contact, deepest)[0] / (back * math.sqrt(back))
+        at, lost = deepest - back, taken(contact, deepest)
     above = p - at
     if above <= 0.0:
         return 0.0, 0.0, lost

@@ -23,7 +23,6 @@ from hertzloop.plant.contact import contact_kernels
 from hertzloop.plant.contact.contact_kernels import ContactModel, Path
 from hertzloop.plant.lanes import LANES, fma, load, mul, neg, splat, store, total
 from hertzloop.plant.state_kernels import (
-    A_P,
     A_S,
     AWAKE,
     DEEPEST,
@@ -40,13 +39,8 @@ from hertzloop.plant.state_kernels import (
     PLASTIC_DISSIPATED,
     SILENT_M,
     STEP,
-    V_P,
-    V_P_OF_STEP,
     V_S,
-    XI,
     XI_A,
-    XI_P,
-    XI_S,
 )
 from hertzloop.plant.structures.linear import IM, MEAN, RE, Linear, V, X
 
@@ -189,9 +183,9 @@ def push(linear, state, force, f0, f1):
 
 
 @kernel(part=True)
-def mean_of(linear, state, awake, point):
-    """Mean displacement of a point over the step under the forces of it so far, m."""
-    mean = look(linear.see[point, MEAN], state.z, awake)
+def mean_under(linear, state, point, mean):
+    """Mean displacement of a point over the step under the forces of it so far, m, from that
+    without them."""
     for force in range(state.force.shape[0]):
         gain = linear.gain[point, MEAN, force]
         mean += gain[0] * state.force[force, 0] + gain[1] * state.force[force, 1]
@@ -306,18 +300,12 @@ def plate_speed(model, state, sphere_v, bends, force, slope):
 def observe(model, state, sphere, sphere_v, own, speed, force):
     """Write what can be seen at the end of the step: gap, plate and sensor. The contact force
     `force` (N) and `own` (m) bend the spring of the modes left out."""
-    body, h = state.body, model.step_s
+    body, at = state.body, model.actuator_point
     plate = state.seen[CONTACT, X] + own - model.contact.spring_m_n * force
-    body[V_P_OF_STEP] = body[V_P]
-    body[A_P] = (speed - body[V_P]) / h
-    body[V_P] = speed
-    body[XI] = sphere - plate
-    body[XI_S] = sphere
-    body[XI_P] = plate
-    at = model.actuator_point
+    state_kernels.observe(body, model.step_s, sphere, plate, speed)
     body[XI_A] = plate if at == CONTACT else state.seen[at, X]
     seen = state.seen[model.sensor_point, V]
-    body[A_S] = (seen - body[V_S]) / h
+    body[A_S] = (seen - body[V_S]) / model.step_s
     body[V_S] = seen
 
 
@@ -339,22 +327,27 @@ def step(model, state, command):
         balance[INJECTED] += body[CONTACT_WORK] - before
     body[OWN] = own_1
 
-    f_c = f_c1 = lost = 0.0
+    f_c = f_c1 = lost = unforced = 0.0
     _, _, height, speed = sphere
     if touches(free, -dent_now(model, body)):
         gravity = model.gravity_m_s2 * model.step_s * model.step_s
         mean = sphere[0] + 0.5 * model.step_s * sphere[1] - gravity / 6.0
-        mean -= mean_of(linear, state, awake, CONTACT) + 0.5 * (own_0 + own_1)
+        unforced = look(linear.see[CONTACT, MEAN], state.z, awake)
+        mean -= mean_under(linear, state, CONTACT, unforced) + 0.5 * (own_0 + own_1)
         free = Path(free.start, free.end, free.slope_0, free.slope_1, mean)
         f_c, f_c1, lost = contact_force(model, state, free)
     if f_c != 0.0 or f_c1 != 0.0:
         push(linear, state, CONTACT, -f_c, -f_c1)
         height, speed = state_kernels.push(model, state, height, speed, f_c, f_c1, lost)
-        moved = mean_of(linear, state, awake, CONTACT)
+        moved = mean_under(linear, state, CONTACT, unforced)
         balance[WORK] += work_of(state, CONTACT, moved, -f_c, -f_c1)
     if f_a != 0.0 or f_a1 != 0.0:
-        moved = mean_of(linear, state, awake, model.actuator_point) if f_a1 != 0.0 else 0.0
-        work = work_of(state, model.actuator_point, moved, f_a, f_a1)
+        at = model.actuator_point
+        moved = 0.0
+        if f_a1 != 0.0:
+            unforced = look(linear.see[at, MEAN], state.z, awake)
+            moved = mean_under(linear, state, at, unforced)
+        work = work_of(state, at, moved, f_a, f_a1)
         balance[WORK] += work
         balance[INJECTED] += work + (own_1 - own_0) * f_c
     gap = height - state.seen[CONTACT, X] - own_1

@@ -49,7 +49,6 @@ class Scheme:
     supports_actuator_dynamics: bool = False  # bandwidth, mass and limit of the actuator
     supports_sensor_elsewhere: bool = False  # a sensor beside the contact
     supports_export: bool = False  # its plant as an FMU or a C library
-
     supports_infinite_plate: bool = False  # a plate without modes
 
     def load(self) -> Any:
