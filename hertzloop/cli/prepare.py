@@ -18,7 +18,7 @@ from hertzloop.scene.plate_model import WARN_ABOVE_S, build_time_s
 from hertzloop.scene.setup import Setup, resolve
 from hertzloop.warmup import RUN, Work, anything_compiled, ensure_compiled, not_compiled
 
-_MODEL = "the model: about 15 s"
+_MODEL = "the model: about 25 s"
 
 
 def scene_from(
@@ -102,7 +102,7 @@ def compile_first(*scenes: Setup, works: Collection[Work] = RUN) -> None:
     if missing == {Work.PACED}:
         what = "the plant of a paced run: some seconds"
     elif anything_compiled():
-        what = "for this kind of scene or command: about 15 s"
+        what = "for this kind of scene or command: about 25 s"
     announce_compilation(what)
 
     def end(_: int) -> None:
