@@ -26,7 +26,8 @@ from benchmarks.scenes import FOLDER
 from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail
 
-_SCENE = str(FOLDER / "aluminium-3mm.toml")
+_NAME = "aluminium-3mm"
+_SCENE = str(FOLDER / f"{_NAME}.toml")
 _FEEDBACK = ["--set", "controller.law=velocity_feedback", "--set", "controller.kappa=0.1"]
 _RUNS = {
     "run, compiled": ["--transport", "compiled"],
@@ -120,7 +121,7 @@ def main(
             fail(f"a command failed: {error.output.strip()}", 1)
         results.write("start", rows)
         results.table(
-            f"one run of {_SCENE}",
+            f"one run of {_NAME}",
             {
                 "case": "{.case}",
                 "unit": "{.unit}",
@@ -136,7 +137,7 @@ def main(
         found = {row.case: row for row in rows}
         compiled, bus = (found[f"run, {name}, processor time"] for name in ("compiled", "zenoh"))
         results.conclude(
-            f"A run of {_SCENE} takes {compiled.median:.2f} s of processor time compiled, and "
+            f"A run of {_NAME} takes {compiled.median:.2f} s of processor time compiled, and "
             f"{bus.median:.2f} s over zenoh."
         )
 

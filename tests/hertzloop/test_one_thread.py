@@ -26,7 +26,7 @@ print(max(found["num_threads"] for found in threadpool_info()))
 
 
 @pytest.mark.full
-@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.usefixtures("warm_kernels", "shipped_scenes")
 def test_a_plate_is_the_same_where_numpy_came_first():
     if (os.cpu_count() or 1) < 2:
         pytest.skip("one core: NumPy has one thread anyway")
