@@ -111,7 +111,7 @@ class Controller:
         self.forces = np.zeros(steps)
         self._level = 0.0  # of the last promise
 
-    def process(self, values: np.ndarray, look_ahead: bool = True) -> Reply:
+    def process(self, values: np.ndarray, commands_ahead: bool = True) -> Reply:
         """Feed samples; the forces that became final, those known ahead included if asked.
 
         Raises LawFault when the law fails.
@@ -122,7 +122,7 @@ class Controller:
         controller_kernels.control_block(
             self.law, self.law_state, self.line, self.line_state, values, self.forces, modes, delays
         )
-        if look_ahead:
+        if commands_ahead:
             controller_kernels.grant_ahead(self.law_state, self.line, self.line_state, self.forces)
         self.check()
         end = int(self.line_state.counts[EMITTED])

@@ -64,7 +64,7 @@ class LawContext:
     Attributes:
         step_ns: length of a step, ns.
         every_steps: steps from one sample to the next.
-        horizon_steps: steps from a sample to the first step on which its force acts.
+        loop_delay_steps: steps from a sample to the first step on which its force acts.
         stiffness: contact stiffness s, N/m^1.5.
         sphere_mass_kg: mass of the sphere, kg.
         impact_speed_m_s: speed of the sphere at the first touch, m/s.
@@ -81,7 +81,7 @@ class LawContext:
 
     step_ns: int = 1000
     every_steps: int = 1
-    horizon_steps: int = 1
+    loop_delay_steps: int = 1
     stiffness: float = 1.0
     sphere_mass_kg: float = math.inf
     impact_speed_m_s: float = 0.0
@@ -104,9 +104,9 @@ class LawContext:
         return self.every_steps * self.step_s
 
     @cached_property
-    def horizon_s(self) -> float:
+    def loop_delay_s(self) -> float:
         """Time from a sample to the first step on which its force acts, s."""
-        return self.horizon_steps * self.step_s
+        return self.loop_delay_steps * self.step_s
 
     def samples(self, time_us: float) -> int:
         """Return a time (us) in samples, rounded to whole steps."""

@@ -176,7 +176,7 @@ def quiet_level(model, state):
 
 
 @kernel(part=True)
-def _look_ahead(model, state, last):
+def _ask_ahead(model, state, last):
     """Ask the law, after sample `last`, for the commands that it knows and has not given yet."""
     if model.known_ahead == 0:
         return
@@ -201,6 +201,6 @@ def take_sample(model, state, value):
     command = _call_command(model.command, model.parameters, state.record, history, index)
     command = _as_promised(state, index, value, _number(state, index, command))
     counts[COMMANDED] = max(counts[COMMANDED], index + 1)
-    _look_ahead(model, state, index)
+    _ask_ahead(model, state, index)
     numbers[QUIET_ABOVE] = min(numbers[QUIET_ABOVE], quiet_level(model, state))
     return command

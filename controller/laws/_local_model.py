@@ -44,7 +44,7 @@ def step_s(p, xi, speed):
 
 
 @kernel
-def look_ahead(p, samples, i, ahead):
+def predict_contact(p, samples, i, ahead):
     """What the model expects `ahead` samples after sample `i`.
 
     Integrated from the middle of the slope's window (midpoint rule), in equal steps where these

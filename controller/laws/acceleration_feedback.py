@@ -9,7 +9,7 @@ from hertzloop.common.elementary_kernels import exp
 from hertzloop.common.uncompiled import plain
 from hertzloop.controller.law import ACTING, IDLE, LawContext, Response
 from hertzloop.controller.laws import force_feedback
-from hertzloop.controller.laws.force_feedback import reach  # noqa: F401
+from hertzloop.controller.laws.force_feedback import force_bound  # noqa: F401
 
 senses = "acceleration"
 

@@ -38,6 +38,6 @@ def prepare(keys, about: LawContext) -> profile.Constants:
     return profile.played(np.full(about.samples(keys.duration_us), keys.force_n), keys, about)
 
 
-def reach(keys) -> ForceBound:
+def force_bound(keys) -> ForceBound:
     """The force itself."""
     return ForceBound(force_n=abs(keys.force_n))

@@ -35,7 +35,7 @@ def prepare(keys, about: LawContext) -> Any:
     return Constants(*slope_threshold.prepare(keys, about), about.samples(keys.fade_us))
 
 
-def reach(keys) -> ForceBound:
+def force_bound(keys) -> ForceBound:
     """A share of the contact force."""
     return ForceBound(share=abs(keys.kappa))
 

@@ -38,7 +38,7 @@ def transfer_function(keys, p) -> Response:
     return Response(p.gain)
 
 
-def reach(keys) -> ForceBound:
+def force_bound(keys) -> ForceBound:
     """A share of the contact force."""
     return ForceBound(share=abs(keys.kappa))
 

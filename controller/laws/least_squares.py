@@ -26,7 +26,7 @@ def prepare(keys, about: LawContext) -> slope_threshold.Constants:
     return slope_threshold.prepare(keys, about, keys.window_samples)
 
 
-def reach(keys) -> ForceBound:
+def force_bound(keys) -> ForceBound:
     """A share of the contact force."""
     return ForceBound(share=abs(keys.kappa))
 

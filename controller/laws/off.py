@@ -8,7 +8,7 @@ senses = "any"
 open_loop = True
 
 
-def reach(keys) -> ForceBound:
+def force_bound(keys) -> ForceBound:
     """Never a force."""
     return ForceBound(force_n=0.0)
 

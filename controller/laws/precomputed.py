@@ -70,7 +70,7 @@ def prepare(keys, about: LawContext) -> profile.Constants:
     return profile.played(force[:: about.every_steps], keys, about)
 
 
-def reach(keys) -> ForceBound:
+def force_bound(keys) -> ForceBound:
     """A share of the contact force."""
     return ForceBound(share=abs(keys.kappa))
 

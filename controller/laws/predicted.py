@@ -11,7 +11,7 @@ from pydantic import Field
 
 from hertzloop.controller import law
 from hertzloop.controller.laws import slope_threshold
-from hertzloop.controller.laws._local_model import look_ahead
+from hertzloop.controller.laws._local_model import predict_contact
 from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     State,
     command_ahead,
@@ -46,16 +46,16 @@ def prepare(keys, about: law.LawContext) -> Any:
         keys.v_thr_m_s,
         about.stiffness,
         about.sample_s,
-        lead_samples=round(about.horizon_s / about.sample_s),
+        lead_samples=round(about.loop_delay_s / about.sample_s),
         slope_weights=slope_weights(keys.window_samples, about.sample_s),
         contact_level=0.0,
-        watch_level=max(2.0 * about.impact_speed_m_s * about.horizon_s, 0.0),
+        watch_level=max(2.0 * about.impact_speed_m_s * about.loop_delay_s, 0.0),
         mass_kg=about.sphere_mass_kg,
         impedance_n_s_m=about.impedance_n_s_m,
     )
 
 
-def reach(keys) -> law.ForceBound:
+def force_bound(keys) -> law.ForceBound:
     """A share of the contact force."""
     return law.ForceBound(share=abs(keys.kappa))
 
@@ -70,7 +70,7 @@ def expects_threshold(p, s, samples, i):
     """Whether the slope will have passed the threshold when the force acts; latches the delay."""
     if i + 1 < p.slope_weights.size:
         return False
-    _, _, touches, crosses = look_ahead(p, samples, i, p.lead_samples)
+    _, _, touches, crosses = predict_contact(p, samples, i, p.lead_samples)
     if crosses == math.inf:
         return False
     since = i - s.contact_start if s.in_contact else -touches
@@ -83,7 +83,7 @@ def due(p, s, samples, i):
     """Command for a force that acts `lead_samples` later, and whether it goes on: for as long as
     there is contact then, or will be again."""
     if s.delay < p.lead_samples:
-        xi, speed, _, _ = look_ahead(p, samples, i, p.lead_samples - s.delay)
+        xi, speed, _, _ = predict_contact(p, samples, i, p.lead_samples - s.delay)
         if xi > p.contact_level:
             return 0.0, speed < 0.0
         return hertz(p, xi), True

@@ -60,7 +60,7 @@ def prepare(keys, about: law.LawContext) -> Constants:
     return played(keys.profile_n, keys, about)
 
 
-def reach(keys) -> law.ForceBound:
+def force_bound(keys) -> law.ForceBound:
     """The largest of the forces."""
     return law.ForceBound(force_n=max(map(abs, keys.profile_n)))
 

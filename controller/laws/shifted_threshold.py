@@ -42,12 +42,12 @@ def prepare(keys, about: LawContext) -> slope_threshold.Constants:
         about.impedance_n_s_m,
         about.impact_speed_m_s,
         keys.v_thr_m_s,
-        about.horizon_s,
+        about.loop_delay_s,
     )
     return slope_threshold.prepare(keys, about)._replace(v_thr_m_s=v_thr)
 
 
-def reach(keys) -> ForceBound:
+def force_bound(keys) -> ForceBound:
     """A share of the contact force."""
     return ForceBound(share=abs(keys.kappa))
 

@@ -45,7 +45,7 @@ def prepare(keys, about: law.LawContext, window: int = 2) -> Constants:
     )
 
 
-def reach(keys) -> law.ForceBound:
+def force_bound(keys) -> law.ForceBound:
     """A share of the contact force, as smooth as that unless it starts in its midst."""
     return law.ForceBound(share=abs(keys.kappa), copies=keys.lead_us == 0.0)
 

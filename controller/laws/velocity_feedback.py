@@ -6,7 +6,7 @@ from hertzloop.controller.laws.force_feedback import (  # noqa: F401
     Parameters,
     State,
     command,
-    reach,
+    force_bound,
     transfer_function,
     tune,
 )

@@ -23,7 +23,7 @@ from hertzloop.common.uncompiled import plain
 from hertzloop.controller.loading.compiled import FUNCTIONS
 
 # Functions that prepare a run, and what a law declares. They are never compiled.
-_PREPARING = ("prepare", "reach", "transfer_function", "tune", "note")
+_PREPARING = ("prepare", "force_bound", "transfer_function", "tune", "note")
 _DECLARED = ("senses", "latches", "open_loop", "not_linear")
 # The name of a function of these modules tells what it does, together with the versions of a run.
 _LIBRARIES = {

@@ -19,7 +19,7 @@ from hertzloop.controller.loading.identity import Identity, identify
 # What a law without `prepare` knows of the run, besides its keys.
 ABOUT_FIELDS = (
     "sample_s",
-    "horizon_s",
+    "loop_delay_s",
     "stiffness",
     "sphere_mass_kg",
     "impact_speed_m_s",
@@ -118,11 +118,13 @@ class Law:
             "Use numbers, strings, arrays or tuples of these as globals."
         )
 
-    def reach(self, keys: Any) -> ForceBound:
+    def force_bound(self, keys: Any) -> ForceBound:
         """How far its force can go; without limit if it does not say. Raises LawError."""
-        found = self._asked("reach", keys) if hasattr(self.home, "reach") else ForceBound()
+        found = (
+            self._asked("force_bound", keys) if hasattr(self.home, "force_bound") else ForceBound()
+        )
         if not isinstance(found, ForceBound):
-            raise LawError(f"law {self.name}: reach returned {found!r}. Return a ForceBound.")
+            raise LawError(f"law {self.name}: force_bound returned {found!r}. Return a ForceBound.")
         return found
 
     def response(self, keys: Any, constants: Any) -> Response | None:

@@ -109,7 +109,7 @@ def law_flight_m(setup: Setup) -> float:
         return 0.0
     known = setup.about_mechanics
     window = getattr(setup.scene.controller.keys, "window_samples", 1) * known.sample_s
-    return min(level, known.impact_speed_m_s * (known.horizon_s + window))
+    return min(level, known.impact_speed_m_s * (known.loop_delay_s + window))
 
 
 @lru_cache(maxsize=16)

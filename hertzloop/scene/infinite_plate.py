@@ -29,7 +29,7 @@ class InfinitePlate:
         scheme: Numerical scheme.
         step_s: Length of a step, s.
         accuracy: Requested relative error of the penetration.
-        reach: Bound on the law's force.
+        force_bound: Bound on the law's force.
         smooth: Whether the line from sensor to actuator neither loses a command nor makes steps in
             a force.
         latency_s: Latency of that line, s.
@@ -39,7 +39,7 @@ class InfinitePlate:
     scheme: str
     step_s: float
     accuracy: float
-    reach: ForceBound
+    force_bound: ForceBound
     smooth: bool
     latency_s: float
 
@@ -64,19 +64,19 @@ class InfinitePlate:
         actuator is not, with a delay of at most a contact, which it makes longer; any other counts
         as switched on and off at the largest force.
         """
-        reach = self.reach
-        if reach.force_n < math.inf:
-            return Actuation(jumps_n=2.0 * reach.force_n)
-        if reach.copies and self.smooth:
-            return Actuation(reach.share, _LONGER * found.contact_s + self.latency_s)
-        return Actuation(jumps_n=2.0 * reach.share * self.mechanics.rigid.peak_n)
+        bound = self.force_bound
+        if bound.force_n < math.inf:
+            return Actuation(jumps_n=2.0 * bound.force_n)
+        if bound.copies and self.smooth:
+            return Actuation(bound.share, _LONGER * found.contact_s + self.latency_s)
+        return Actuation(jumps_n=2.0 * bound.share * self.mechanics.rigid.peak_n)
 
     @property
     def _possible(self) -> bool:
         """Whether the plate can stand for the modes at all: reflections are known of simply
         supported edges, and a force of more than the contact's own has no known limit."""
         mechanics = self.mechanics
-        bounded = self.reach.force_n < math.inf or self.reach.share <= 1.0
+        bounded = self.force_bound.force_n < math.inf or self.force_bound.share <= 1.0
         supported = mechanics.structure.separable is not None
         ideal = mechanics.actuator.ideal and mechanics.contact.limit is None
         known = SCHEMES[self.scheme].supports_infinite_plate and ideal

@@ -14,20 +14,20 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 
 
-def law_reach(table: ControllerTable) -> ForceBound:
+def law_force_bound(table: ControllerTable) -> ForceBound:
     """How far the force of the law can go; without limit if the law is not there any more, as that
     of a recording may be. Raises SceneError."""
     try:
         law = table.loaded_law
     except LawError:
         return ForceBound()
-    return _law_reach(table, law)
+    return _law_force_bound(table, law)
 
 
 @lru_cache(maxsize=16)
-def _law_reach(table: ControllerTable, law: Law) -> ForceBound:
+def _law_force_bound(table: ControllerTable, law: Law) -> ForceBound:
     try:
-        return law.reach(table.keys)
+        return law.force_bound(table.keys)
     except LawError as error:
         raise SceneError(str(error)) from error
 
@@ -62,6 +62,6 @@ def about_mechanics(
         step_ns=step_ns,
         every_steps=every_steps,
         # The force of a sample acts one step after it at the earliest.
-        horizon_steps=1 + line.latency_steps,
+        loop_delay_steps=1 + line.latency_steps,
         limit_n=math.inf if limit_n is None else limit_n,
     )

@@ -22,4 +22,4 @@ def expected_error(setup: Setup) -> float:
     if not spec.residual_flexibility or spec.frequency_limit_hz == 0.0:  # modes of a rigid body
         return found
     hold_s = setup.step_s * setup.every_steps
-    return max(found, law_error(spec, setup.reach.force_n, setup.reach.share, hold_s))
+    return max(found, law_error(spec, setup.force_bound.force_n, setup.force_bound.share, hold_s))

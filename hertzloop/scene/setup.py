@@ -25,7 +25,7 @@ from hertzloop.plant.structures.structure import Structure
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.infinite_plate import InfinitePlate
-from hertzloop.scene.law_context import about_mechanics, law_reach
+from hertzloop.scene.law_context import about_mechanics, law_force_bound
 from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import parse as parse_scene
 from hertzloop.scene.mechanics import Mechanics, resolve_mechanics
@@ -62,7 +62,7 @@ class Setup:
     line: SignalPath = field(compare=False)
     latency_us: float = field(compare=False)
     """of the line beyond the one step that cannot be avoided, us; of a trace, the least"""
-    reach: ForceBound = field(compare=False)
+    force_bound: ForceBound = field(compare=False)
     """bound on the law's force"""
     with_edges: PlantSpec = field(compare=False)
     """the plant with modes, whether or not these are used"""
@@ -280,7 +280,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     latency_us = control.latency_us
     if control.latency_trace is not None:
         latency_us = line.latency_steps * run.step_ns / 1000
-    reach = law_reach(control)
+    force_bound = law_force_bound(control)
 
     with_edges = describe_plant(
         mechanics,
@@ -295,7 +295,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         scheme=run.scheme,
         step_s=run.step_s,
         accuracy=run.accuracy,
-        reach=reach,
+        force_bound=force_bound,
         smooth=keeps_force_smooth(control, sensors, line),
         latency_s=1e-6 * latency_us,
     )
@@ -311,7 +311,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         mechanics=mechanics,
         line=line,
         latency_us=latency_us,
-        reach=reach,
+        force_bound=force_bound,
         with_edges=with_edges,
         infinite_plate=infinite_plate,
         plate_model=plate_model,

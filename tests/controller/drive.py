@@ -55,7 +55,7 @@ def drive(
     every_steps: int = 1,
     seed: int = 1,
     cuts: Sequence[int] = (),
-    look_ahead: bool = False,
+    commands_ahead: bool = False,
 ) -> Driven:
     """Feed samples in blocks cut at the positions `cuts`; forces are joined from the replies."""
     controller = make(law, line, len(samples), every_steps, seed)
@@ -63,7 +63,7 @@ def drive(
     edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples))})
     replies, forces = [], []
     for start, end in pairwise(edges):
-        reply = controller.process(values[start:end].copy(), look_ahead)
+        reply = controller.process(values[start:end].copy(), commands_ahead)
         assert reply.first_step == sum(map(len, forces))  # without gap or overlap
         assert reply.samples_seen == end
         replies.append(reply)

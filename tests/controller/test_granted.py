@@ -27,8 +27,10 @@ def test_forces_granted_ahead_are_those_computed_later(law, line, samples, cuts,
     """The forces of each reply are kept as granted, so one that changes later would show."""
     later = drive(law, line, samples, every_steps=every_steps, cuts=ONE_BY_ONE)
     whole = drive(law, line, samples, every_steps=every_steps)
-    ahead = drive(law, line, samples, every_steps=every_steps, cuts=cuts, look_ahead=True)
-    finest = drive(law, line, samples, every_steps=every_steps, cuts=ONE_BY_ONE, look_ahead=True)
+    ahead = drive(law, line, samples, every_steps=every_steps, cuts=cuts, commands_ahead=True)
+    finest = drive(
+        law, line, samples, every_steps=every_steps, cuts=ONE_BY_ONE, commands_ahead=True
+    )
     assert len(ahead.forces) >= len(later.forces)
     assert whole.same_as(later)
     assert ahead.same_as(later)
@@ -51,7 +53,7 @@ def test_forces_granted_ahead_are_those_computed_later(law, line, samples, cuts,
 def test_how_far_a_reply_reaches(law, samples, known):
     """After each sample: how many commands of samples to come the reply has settled."""
     line = SignalPath(latency_steps=5)
-    replies = drive(law, line, samples, cuts=ONE_BY_ONE, look_ahead=True).replies
+    replies = drive(law, line, samples, cuts=ONE_BY_ONE, commands_ahead=True).replies
     settled = [r.first_step + len(r.forces) - (r.samples_seen + 1 + 5) for r in replies]
     # The line shows what the law grants only while the run still has samples to come.
     left = [len(samples) + 60 - r.samples_seen for r in replies]
@@ -62,25 +64,27 @@ def test_how_far_a_reply_reaches(law, samples, known):
 def test_nothing_is_granted_beyond_the_end_of_the_run(samples):
     line = SignalPath(latency_steps=1, jitter_steps=2)
     controller = make(SLOPE, line, len(samples), after=0)
-    reply = controller.process(np.array(samples), look_ahead=True)
+    reply = controller.process(np.array(samples), commands_ahead=True)
     assert len(reply.forces) == len(samples)
     assert controller.law_state.counts[laws.COMMANDED] == len(samples)
 
 
 @given(LAWS, WITH_LATENCY, SEQUENCES, CUTS, EVERY_STEPS, st.booleans(), st.data())
 @settings(max_examples=200, deadline=None)
-def test_the_promise_of_no_force_is_kept(law, line, samples, cuts, every_steps, look_ahead, data):
+def test_the_promise_of_no_force_is_kept(
+    law, line, samples, cuts, every_steps, commands_ahead, data
+):
     """After any past: the force is zero for as long as later samples stay above the level."""
     controller = make(law, line, len(samples) + 30, every_steps, after=60)
     edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples))})
     for start, end in pairwise(edges):
-        reply = controller.process(np.array(samples[start:end]), look_ahead)
+        reply = controller.process(np.array(samples[start:end]), commands_ahead)
     if not reply.promise_zero:
         return
     level = max(reply.promise_level, -1e3)
     above = st.sampled_from([math.nextafter(level, math.inf), level + 0.5, level + 100.0])
     later = data.draw(st.lists(above, min_size=30, max_size=30))
-    silent = controller.process(np.array(later), look_ahead)
+    silent = controller.process(np.array(later), commands_ahead)
     assert len(silent.forces) >= 30
     assert not silent.forces.any()
     assert silent.promise_zero
@@ -121,7 +125,7 @@ def test_when_a_promise_is_given():
 
 def test_the_law_off_promises_zero_whatever_comes():
     law = LawSpec("off", 1.0)
-    reply = drive(law, SignalPath(), [1, -1, -4], look_ahead=True).replies[-1]
+    reply = drive(law, SignalPath(), [1, -1, -4], commands_ahead=True).replies[-1]
     assert reply.promise_zero
     assert reply.promise_level == -math.inf
 

@@ -22,7 +22,7 @@ def setup_of(*keys: str) -> Setup:
 def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
     count = len(samples)
     controller = Controller(bound_law(setup, False), SignalPath(), setup.step_s, count + 2, 1, 0)
-    return np.asarray(controller.process(samples, look_ahead=False).forces)[-count:]
+    return np.asarray(controller.process(samples, commands_ahead=False).forces)[-count:]
 
 
 SECTIONS = {

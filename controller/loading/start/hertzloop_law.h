@@ -26,7 +26,7 @@
 /* What is known of a run; SI units. */
 struct hertzloop_about {
   double sample_s;         /* from one sample to the next */
-  double horizon_s;        /* from a sample to the step on which its force acts */
+  double loop_delay_s;     /* from a sample to the step on which its force acts */
   double stiffness;        /* of the contact, N/m^1.5 */
   double sphere_mass_kg;
   double impact_speed_m_s;

@@ -87,7 +87,7 @@ def _probe(setup: Setup, answered: list[np.ndarray]) -> LawFilter:
         controller = Controller(bound, SignalPath(), setup.step_s, count + 2, 1, 0)
         answered.append(controller.law_state.counts)
         try:
-            forces = controller.process(samples, look_ahead=False).forces
+            forces = controller.process(samples, commands_ahead=False).forces
         except LawFault as error:
             raise NotLinearError(f"it fails on a test signal: {error}") from error
         found = np.zeros(count)

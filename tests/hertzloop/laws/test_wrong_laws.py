@@ -56,7 +56,10 @@ BEFORE = [
         "mine.py: changes samples[0], which it may only read",
     ),
     ("raise SystemExit(0)\n", "cannot be loaded: SystemExit: 0 (line 1)"),
-    (f"def reach(keys):\n    return 1 / 0\n{NOTHING}", "reach failed: ZeroDivisionError: division"),
+    (
+        f"def force_bound(keys):\n    return 1 / 0\n{NOTHING}",
+        "force_bound failed: ZeroDivisionError: division",
+    ),
     (
         f"{NOTHING}def quiet_level(p, s):\n    return depth\n",
         "'depth' is not defined (in quiet",

@@ -17,7 +17,7 @@ from tests.tiers import default
 
 SCENES = ["aluminium-20mm", "thesis-aluminium", "offcentre-6mm", "oak-20mm"]
 STAGES = (
-    "steps", "step_s", "mechanics", "touch_phase", "first_touch_s", "reach", "plate_model",
+    "steps", "step_s", "mechanics", "touch_phase", "first_touch_s", "force_bound", "plate_model",
     "with_edges", "plant", "sensor", "latency_us", "converter_step", "line",
 )  # fmt: skip
 FOLLOWING = {

@@ -117,7 +117,7 @@ class Constants(NamedTuple):
 
 
 def prepare(keys, about):
-    late = float(about.horizon_steps > 4)
+    late = float(about.loop_delay_steps > 4)
     {refusal}
     return Constants(late)
 
