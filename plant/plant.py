@@ -129,7 +129,7 @@ class PlantSpec:
     frequency_limit_hz: float
     lead_in_s: float
     residual_flexibility: bool = False  # of the modes left out, as a spring at the contact
-    damped_residual: bool = False  # that as a damped mode in place of the spring
+    damped_residual: bool = False  # that as a damped mode instead; needs residual_flexibility
     infinite_plate: bool = False  # no modes: a dashpot, until reflections return
     actuator: Actuator = IDEAL
     sensor_point_m: tuple[float, float] | None = None  # None: at the contact

@@ -7,28 +7,30 @@ from hertzloop.common.jit import kernel
 # Indices into a state's body (m, m/s, N).
 # V_P: plate velocity at the end of the last step, before the forces of the next one act; A_P: mean
 # acceleration over the last step, the change of V_P by its length.
-# V_P_OF_STEP: plate velocity at the start of the last step, as a scheme knows it once that
-# step's forces are known.
-# F_C1: slope of the contact force over the last step, F_C + F_C1 (2 t/h - 1); F_A1: of F_A.
+# V_P_OF_STEP: V_P at the start of the last step; `thesis2008` adds what the actuator force of that
+# step changes at once.
+# XI: gap between sphere and plate; XI_S, XI_P, XI_A: heights of the sphere, of the plate at the
+# contact and at the actuator.
+# F_C1: half the rise of the contact force over the last step, F_C + F_C1 (2 t/h - 1); F_A1: of F_A.
 # ACTUATOR_F, ACTUATOR_RATE: force of an actuator of second order and its rate over w, N.
 XI, XI_S, XI_P, V_P, A_P, F_C, F_A, XI_A, FLIGHT_X, FLIGHT_V, V_P_OF_STEP, F_C1 = range(12)
 # DEEPEST: penetration so far of a contact that yields, at least that of first yield.
-# V_S, A_S: as V_P and A_P, where a sensor elsewhere is.
-F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, V_S, A_S = range(12, 18)
+# SENSOR_V, SENSOR_A: of the modes, where a sensor elsewhere is; not for use at the contact.
+F_A1, ACTUATOR_F, ACTUATOR_RATE, DEEPEST, SENSOR_V, SENSOR_A = range(12, 18)
 BODY_SIZE = 18
 # Indices into a state's balance (J, N s).
 MODAL_DISSIPATED, CONTACT_DISSIPATED, INJECTED, CONTACT_IMPULSE, PLASTIC_DISSIPATED = range(5)
 BALANCE_SIZE = 5
 # Indices into a state's counts.
 # AWAKE: number of poles, from the slowest on, that have not died away.
-# FALLBACKS: contact steps in which Newton did not end.
+# FALLBACKS: contact steps in which Newton or the correction of energy did not end.
 STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, AWAKE, FALLBACKS = range(7)
 COUNTS_SIZE = 7
 
-# In flight a mode below this is set to zero and left out: far below anything a double can show, and
-# it avoids denormal numbers, which are 50 times slower.
-SILENT_M = 1e-60
-LOOK_EVERY = 64  # steps
+# In flight a pole below this (m, m/s) is set to zero and left out: far below anything a double can
+# show, and it avoids denormal numbers, which are 50 times slower.
+SILENT_POLE = 1e-60
+PRUNE_EVERY = 64  # steps
 
 GRAVITY_M_S2 = 9.81
 
@@ -47,7 +49,7 @@ def flight(model, body, counts):
 
 
 @kernel(part=True)
-def push(model, state, sphere, sphere_v, f_c, f_c1, lost):
+def push_sphere(model, state, sphere, sphere_v, f_c, f_c1, lost):
     """Let the contact force F_0 + F_1 (2 t/h - 1) of the step act, of which damping takes `lost`
     (J): the height and velocity at its end, from where flight goes on, with the balance."""
     body, counts, h = state.body, state.counts, model.step_s
@@ -63,12 +65,12 @@ def push(model, state, sphere, sphere_v, f_c, f_c1, lost):
 
 
 @kernel(part=True)
-def observe(body, step_s, sphere, plate, speed):
+def note_contact_point(body, step_s, sphere, plate, plate_v):
     """Write what can be seen at the contact at the end of the step: heights of sphere and plate
     (m), and the velocity of the plate (m/s)."""
     body[V_P_OF_STEP] = body[V_P]
-    body[A_P] = (speed - body[V_P]) / step_s
-    body[V_P] = speed
+    body[A_P] = (plate_v - body[V_P]) / step_s
+    body[V_P] = plate_v
     body[XI] = sphere - plate
     body[XI_S] = sphere
     body[XI_P] = plate

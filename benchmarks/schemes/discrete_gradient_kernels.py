@@ -15,7 +15,7 @@ from hertzloop.plant.schemes.modal_kernels import (
     WORK,
     close_balance,
     propagate,
-    push,
+    push_structure,
 )
 from hertzloop.plant.state_kernels import (
     F_A,
@@ -138,7 +138,7 @@ def step(model, state, f_a):
     """Advance one step under the actuator force `f_a` (N); returns the contact force (N)."""
     linear, body, counts, h = model.linear, state.body, state.counts, model.step_s
     propagate(linear, state)
-    push(linear, state, model.actuator, f_a, 0.0)
+    push_structure(linear, state, model.actuator, f_a, 0.0)
     _, _, sphere, sphere_speed = state_kernels.flight(model, body, counts)
     gap = sphere - state.seen[CONTACT, X]
     f_c = lost = 0.0
@@ -150,13 +150,13 @@ def step(model, state, f_a):
         counts[NEWTON_MAX] = max(counts[NEWTON_MAX], iterations)
         counts[FALLBACKS] += iterations > _NEWTON_ALLOWED + 2
     if f_c != 0.0:
-        push(linear, state, CONTACT, -f_c, 0.0)
-        sphere, _ = state_kernels.push(model, state, sphere, sphere_speed, f_c, 0.0, lost)
+        push_structure(linear, state, CONTACT, -f_c, 0.0)
+        sphere, _ = state_kernels.push_sphere(model, state, sphere, sphere_speed, f_c, 0.0, lost)
     plate, there = state.seen[CONTACT, X], state.seen[model.actuator, X]
     injected = f_a * (there - state.before[model.actuator, X])
     state.balance[INJECTED] += injected
     state.balance[WORK] += injected - f_c * (plate - state.before[CONTACT, X])
-    state_kernels.observe(body, h, sphere, plate, state.seen[CONTACT, V])
+    state_kernels.note_contact_point(body, h, sphere, plate, state.seen[CONTACT, V])
     body[XI_A] = there
     body[F_C] = f_c
     body[F_A] = f_a

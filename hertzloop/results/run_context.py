@@ -12,7 +12,7 @@ from hertzloop.plant.estimates.plate_theory import (
     zener_inelasticity,
 )
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes.modal import flexibility_m_n
+from hertzloop.plant.schemes.modal import series_residual_m_n
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.results.statistics import Extremes
 from hertzloop.scene.controller import law_flight_m
@@ -60,7 +60,7 @@ def static_context(spec: PlantSpec, bodies: Mechanics) -> StaticContext:
         air_share,
         criteria.squeezed_film(sphere),
         criteria.drag_on_the_drop(sphere),
-        flexibility_m_n(spec) if spec.contact.hunt_crossley_s_m else math.nan,
+        series_residual_m_n(spec) if spec.contact.hunt_crossley_s_m else math.nan,
     )
 
 

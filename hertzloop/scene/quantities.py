@@ -63,13 +63,13 @@ SENSED = {
     "v_p": Sensed(
         "m/s", "sampled plate velocity, at the time of the sample", state_kernels.V_P,
         lambda e: _either_way(e.velocity_m_s()), lambda t: t.velocity_m_s,
-        elsewhere=state_kernels.V_S,
+        elsewhere=state_kernels.SENSOR_V,
     ),
     "acceleration": Sensed(
         "m/s^2", "sampled plate acceleration, mean of the step before", state_kernels.A_P,
         lambda e: _either_way(e.velocity_m_s() * (np.pi / e.contact_s)),
         lambda t: np.gradient(t.velocity_m_s, t.sample_s), over_step=True,
-        elsewhere=state_kernels.A_S,
+        elsewhere=state_kernels.SENSOR_A,
     ),
     "contact_force": Sensed(
         "N", "sampled contact force, mean of the step before", state_kernels.F_C,

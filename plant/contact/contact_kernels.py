@@ -2,8 +2,8 @@
 
 The law is Hertz's, F = s p^(3/2); where the contact yields, Thornton's (`plant.contact.yielding`):
 beyond a penetration the force rises on a line, and from the deepest penetration so far it comes
-back on a flatter Hertz curve that ends at a dent. No yield is a line that begins at infinity.
-Damping adds (c + d F) dp/dt.
+back on a flatter Hertz curve that ends at a permanent indentation. No yield is a line that begins
+at infinity. Damping adds (c + d F) dp/dt.
 
 The contact force of a step is F_0 + F_1 P(t), P = 2 t/h - 1: the projection of the law on linear
 functions of the step, along the gap that this force makes. That gap is a quartic through both
@@ -11,8 +11,9 @@ ends, the slopes there and the mean, which the modes give exactly. Two equations
 Newton's method; then the least change of F_0 and F_1 that makes the work of the force equal to
 what the contact stores and damping takes (Hairer 2010; Brugnano, Iavernaro and Trigiante).
 
-The modes left out of a structure may be a massless spring in series with the contact: then the
-penetration is p = -gap - k F, of the force F without damping, and the damper acts beside both.
+The modes left out of a structure may be a massless spring of flexibility R, their residual, in
+series with the contact: then the penetration is p = -gap - R F, with the force F without damping.
+The damping force does not bend the residual; its rate is dp/dt = -(d gap/dt)/(1 + R dF/dp).
 """
 
 import math
@@ -34,13 +35,13 @@ _W = tuple(float(0.5 * w) for w in np.polynomial.legendre.leggauss(_NODES)[1])
 
 class ContactModel(NamedTuple):
     """A contact law; `stiffness`: s, N/m^1.5; `yield_m`: penetration at first yield, infinite
-    without; `spring_m_n`: flexibility k of the modes left out, m/N."""
+    without; `residual_m_n`: flexibility R of the modes left out, m/N."""
 
     stiffness: float
     yield_m: float
     viscous_n_s_m: float
     hunt_crossley_s_m: float
-    spring_m_n: float
+    residual_m_n: float
 
 
 class Path(NamedTuple):
@@ -70,20 +71,20 @@ def line(contact, p):
 
 @kernel(part=True)
 def recovered(contact, deepest):
-    """How far the contact springs back from a deepest penetration, m; down to its dent."""
+    """How far the contact springs back from a deepest penetration, m; down to its indentation."""
     if deepest <= contact.yield_m:
         return deepest
     return line(contact, deepest)[0] / (contact.stiffness * math.sqrt(deepest))
 
 
 @kernel(inline=True)
-def dent(contact, deepest):
-    """Dent that a deepest penetration leaves, m."""
+def indentation(contact, deepest):
+    """Permanent indentation that a deepest penetration leaves, m."""
     return deepest - recovered(contact, deepest)
 
 
 @kernel(inline=True)
-def taken(contact, deepest):
+def yield_loss(contact, deepest):
     """What yielding took until a deepest penetration, J."""
     if deepest <= contact.yield_m:
         return 0.0
@@ -101,7 +102,7 @@ def law(contact, p, deepest):
     if deepest > contact.yield_m:
         back = recovered(contact, deepest)
         stiffness = line(contact, deepest)[0] / (back * math.sqrt(back))
-        at, lost = deepest - back, taken(contact, deepest)
+        at, lost = deepest - back, yield_loss(contact, deepest)
     above = p - at
     if above <= 0.0:
         return 0.0, 0.0, lost
@@ -112,28 +113,28 @@ def law(contact, p, deepest):
 
 @kernel(inline=True)
 def in_series(contact, gap, deepest, guess):
-    """The law and the spring at a modal gap, from a force nearby (N): force (N), its slope by the
-    penetration, work done on both (J), penetration (m)."""
-    spring = contact.spring_m_n
-    p = -gap - spring * guess
+    """The law and the residual at a modal gap, from a force nearby (N): force F (N), dF/dp (N/m),
+    work done on both (J), penetration p (m). Newton's method in a bracket."""
+    residual = contact.residual_m_n
+    p = -gap - residual * guess
     force, slope, work = law(contact, p, deepest)
     low, high = -math.inf, math.inf
     done = False
     for _ in range(_HALVINGS):
-        wrong = p + spring * force + gap
+        wrong = p + residual * force + gap
         if done or wrong == 0.0:
             break
         if wrong < 0.0:
             low = p
         else:
             high = p
-        change = wrong / (1.0 + spring * slope)
+        change = wrong / (1.0 + residual * slope)
         done = abs(change) <= 1e-9 * abs(p)
         if not (done or low < p - change < high):  # in circles, at the deepest penetration so far
             change = p - 0.5 * (low + high)
         p -= change
         force, slope, work = law(contact, p, deepest)
-    return force, slope, work + 0.5 * spring * force * force, p
+    return force, slope, work + 0.5 * residual * force * force, p
 
 
 @kernel(inline=True)
@@ -242,7 +243,7 @@ def project(contact, free, by_0, by_1, guess_0, guess_1, deepest, step_s):
     reached = deepest
     if contact.yield_m < math.inf:
         reached = max(deepest, in_series(contact, lowest(path), deepest, guess_0)[3])
-    begin, end = touching_part(path, -dent(contact, deepest))
+    begin, end = touching_part(path, -indentation(contact, deepest))
     f0 = f1 = lost = f0_0 = f0_1 = f1_0 = f1_1 = 0.0
     for i in range(_NODES):
         t, w = begin + (end - begin) * _T[i], (end - begin) * _W[i]
@@ -251,7 +252,7 @@ def project(contact, free, by_0, by_1, guess_0, guess_1, deepest, step_s):
         guess = guess_0 + guess_1 * (2.0 * t - 1.0)
         most = deepest if rate < 0.0 else reached
         force, slope, _, _ = in_series(contact, gap, most, guess)
-        share = 1.0 / (1.0 + contact.spring_m_n * slope)  # of the gap's rate in that of p
+        share = 1.0 / (1.0 + contact.residual_m_n * slope)  # of the gap's rate in that of p
         damper = 0.0
         if force > 0.0:
             damper = share * (contact.viscous_n_s_m + contact.hunt_crossley_s_m * force) / step_s
@@ -279,14 +280,15 @@ def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, 
     Args:
         contact: the law.
         free: the gap without this force; `by_0`, `by_1`: its change by a unit F_0 and F_1.
-        before: work done on the contact so far, J; `deepest`: penetration so far, m.
+        before: work done on the contact so far, J; `deepest`: deepest penetration before, m.
         guess_0, guess_1: F_0 and F_1 to begin with, N.
         step_s: length of the step.
 
     Returns:
-        F_0, F_1 (N), what damping takes (J), the deepest penetration in the step (m), rounds, and
-        whether Newton ended. Where it does not, as with a step far too long, a constant force by
-        the discrete gradient takes over, which conserves energy too.
+        F_0, F_1 (N), what damping takes (J), the deepest penetration so far with this step (m),
+        rounds, and whether Newton and the correction of energy ended. Where one does not, as with a
+        step far too long, a constant force by the discrete gradient takes over, which conserves
+        energy too; its deepest penetration is that before the step.
     """
     f0, f1 = guess_0, guess_1
     rounds, done, lost, reached = 0, False, 0.0, deepest
@@ -308,7 +310,7 @@ def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, 
     if done:
         f0, f1, done = _balance(contact, free, by_0, by_1, f0, f1, lost, before, reached)
     if not done:
-        f0, lost = _solve_chord(contact, free, by_0, before, deepest, step_s)
+        f0, lost = _solve_discrete_gradient(contact, free, by_0, before, deepest, step_s)
         f1, reached = 0.0, deepest
     return f0, f1, lost, reached, rounds, done
 
@@ -323,15 +325,15 @@ def _balance(contact, free, by_0, by_1, f0, f1, lost, before, deepest):
     for _ in range(_CORRECTIONS):
         end = free.end + by_0.end * f0 + by_1.end * f1
         mean = free.mean + by_0.mean * f0 + by_1.mean * f1
-        way, bend = end - free.start, end + free.start - 2.0 * mean
+        way_0, way_1 = end - free.start, end + free.start - 2.0 * mean
         force, _, after, _ = in_series(contact, end, deepest, f0 + f1)
-        wrong = f0 * way + f1 * bend + (after - before) + lost
-        size = abs(f0 * way) + abs(f1 * bend) + after + before
+        wrong = f0 * way_0 + f1 * way_1 + (after - before) + lost
+        size = abs(f0 * way_0) + abs(f1 * way_1) + after + before
         if abs(wrong) <= _ROUNDING * size or abs(wrong) >= last:
             return f0, f1, abs(wrong) <= _BALANCED * size
         last = abs(wrong)
-        by_f0 = way + (f0 - force) * by_0.end + f1 * (by_0.end - 2.0 * by_0.mean)
-        by_f1 = bend + (f0 - force) * by_1.end + f1 * (by_1.end - 2.0 * by_1.mean)
+        by_f0 = way_0 + (f0 - force) * by_0.end + f1 * (by_0.end - 2.0 * by_0.mean)
+        by_f1 = way_1 + (f0 - force) * by_1.end + f1 * (by_1.end - 2.0 * by_1.mean)
         norm = by_f0 * by_f0 + by_f1 * by_f1
         if norm == 0.0:
             return f0, f1, wrong == 0.0
@@ -341,8 +343,9 @@ def _balance(contact, free, by_0, by_1, f0, f1, lost, before, deepest):
 
 
 @kernel
-def _chord(contact, start, end, before, deepest, step_s):
-    """Discrete gradient between two modal gaps: the constant force with damping, and its part."""
+def _discrete_gradient(contact, start, end, before, deepest, step_s):
+    """Discrete gradient between two modal gaps, F = (W_1 - W_0)/(gap_0 - gap_1) with damping: the
+    constant force (N), and the damping alone."""
     force, _, after, p = in_series(contact, end, deepest, 0.0)
     begun, _, _, p_0 = in_series(contact, start, deepest, 0.0)
     if begun == 0.0 and force == 0.0:
@@ -355,20 +358,24 @@ def _chord(contact, start, end, before, deepest, step_s):
 
 
 @kernel
-def _solve_chord(contact, free, by_0, before, deepest, step_s):
-    """Constant force over the step by the discrete gradient, by bisection: always ends."""
-    reach = _chord(contact, free.start, free.end, before, deepest, step_s)[0]
+def _solve_discrete_gradient(contact, free, by_0, before, deepest, step_s):
+    """Constant force over the step by the discrete gradient, and what damping takes (J).
+
+    A larger force leaves a larger gap at the end, which lowers the discrete gradient: the root lies
+    between zero and the gradient to the end without force. Bisection always ends.
+    """
+    reach = _discrete_gradient(contact, free.start, free.end, before, deepest, step_s)[0]
     low, high = min(0.0, reach), max(0.0, reach)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         if middle == low or middle == high:
             break
         end = free.end + by_0.end * middle
-        if middle > _chord(contact, free.start, end, before, deepest, step_s)[0]:
+        if middle > _discrete_gradient(contact, free.start, end, before, deepest, step_s)[0]:
             high = middle
         else:
             low = middle
     f0 = 0.5 * (low + high)
     end = free.end + by_0.end * f0
-    damping = _chord(contact, free.start, end, before, deepest, step_s)[1]
+    damping = _discrete_gradient(contact, free.start, end, before, deepest, step_s)[1]
     return f0, -damping * (end - free.start)

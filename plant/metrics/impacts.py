@@ -13,9 +13,9 @@ from hertzloop.plant.metrics.noise import NoiseInputs, spectra_of
 from hertzloop.plant.metrics.truth_kernels import METRICS, ImpactSteps
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.modal import (
-    flexibility_m_n,
     impedance_n_s_m,
     residual_mobility_m_ns,
+    series_residual_m_n,
 )
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
@@ -189,7 +189,7 @@ def _columns(spec: PlantSpec, truth: np.ndarray) -> truth_kernels.TruthColumns:
 def modal_displacement(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
     """Displacement at the struck point without that of the modes left out, a spring between the
     present contact force and the actuator force of the step before. It takes no energy."""
-    spring = flexibility_m_n(spec)
+    spring = series_residual_m_n(spec)
     if spring == 0.0:
         return truth[XI_P]
     contact_n = elastic_n(spec.contact, -truth[XI], truth[DEEPEST])

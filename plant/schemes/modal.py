@@ -33,8 +33,8 @@ def poles_of(spec: PlantSpec, modes: Oscillators) -> Poles:
     mobility = residual_mobility_m_ns(spec)
     if mobility == 0.0:
         return of_modes
-    limit = residual_limit(mobility, residual_m_n(spec))
-    pole, drive, energy = residual_pole(mobility, limit)
+    corner = residual_corner_rad_s(mobility, residual_m_n(spec))
+    pole, drive, energy = residual_pole(mobility, corner)
     # It is felt at the contact alone.
     drives, sees = np.zeros(len(of_modes.drive), complex), np.zeros(len(of_modes.see), complex)
     drives[0], sees[0] = drive, -1j
@@ -96,15 +96,16 @@ def residual_mobility_m_ns(spec: PlantSpec) -> float:
     return 1.0 / spec.local_plate.infinite_plate_impedance_n_s_m
 
 
-def residual_limit(mobility_m_ns: float, flexibility_m_n: float) -> float:
-    """w_c (rad/s) at which the pole is as flexible as the modes left out, 2 Y/(pi w_c)."""
+def residual_corner_rad_s(mobility_m_ns: float, flexibility_m_n: float) -> float:
+    """w_c (rad/s) above which a continuum of mobility Y has this flexibility, 2 Y/(pi w_c): near
+    the highest mode taken along."""
     return 2.0 * mobility_m_ns / (math.pi * flexibility_m_n)
 
 
 def residual_pole(mobility_m_ns: float, omega_c: float) -> tuple[complex, complex, np.ndarray]:
     """The modes left out of a plate as one damped pole: s, B and energy, for C = -j.
 
-    Above the highest mode taken along, w_c, a plate is a continuum of mobility Y; below it, what
+    Above w_c, see `residual_corner_rad_s`, a plate is a continuum of mobility Y; below it, what
     that continuum adds is j (Y/pi) ln((w_c + w)/(w_c - w)). The passive fit with the exact terms in
     w and w^3, no loss in w^2 and Y at infinity is, with q = j w,
 
@@ -134,7 +135,7 @@ def residual_pole(mobility_m_ns: float, omega_c: float) -> tuple[complex, comple
     return complex(-a, b), drive, energy
 
 
-def flexibility_m_n(spec: PlantSpec) -> float:
+def series_residual_m_n(spec: PlantSpec) -> float:
     """Spring that stands for the modes left out, m/N; zero if the description has none."""
     return 0.0 if spec.damped_residual or spec.infinite_plate else residual_m_n(spec)
 
@@ -155,7 +156,7 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> ModalModel:
     """Coefficients of one step. Raises ValueError as `poles_of`."""
     structure = poles_of(spec, modes)
     linear = linear_of(structure, spec.step_s)
-    spring = flexibility_m_n(spec)
+    residual = series_residual_m_n(spec)
     return ModalModel(
         step_s=spec.step_s,
         linear=linear,
@@ -163,16 +164,16 @@ def build_model(spec: PlantSpec, modes: Oscillators) -> ModalModel:
         actuator_force=len(linear.direct[0]) - 1,
         actuator_point=0 if spec.same_point else 1,
         sensor_point=0 if spec.sensor_point_m is None else len(linear.direct) - 1,
-        own_spring_m_n=spring if spec.same_point else 0.0,
+        raised_by_m_n=residual if spec.same_point else 0.0,
         damped=bool(np.any(structure.poles.real < 0.0) or np.any(linear.direct)),
-        **_of_contact(spec, linear, spring),
+        **_of_contact(spec, linear, residual),
     )
 
 
-def _of_contact(spec: PlantSpec, linear: Linear, spring: float) -> dict[str, Any]:
+def _of_contact(spec: PlantSpec, linear: Linear, residual: float) -> dict[str, Any]:
     """The fields of a model that sphere and contact decide."""
     h, m = spec.step_s, spec.sphere.mass_kg
-    at_once = float(linear.direct[0, 0])
+    mobility = float(linear.direct[0, 0])
     by_0, by_1 = linear.gain[0, :, 0].T.tolist()
     contact = spec.contact
     return {
@@ -183,20 +184,20 @@ def _of_contact(spec: PlantSpec, linear: Linear, spring: float) -> dict[str, Any
             yield_depth_m(contact),
             contact.viscous_n_s_m,
             contact.hunt_crossley_s_m,
-            spring,
+            residual,
         ),
         "by_0": Path(
             0.0,
             by_0[X] + h * h / (2.0 * m),
-            h * at_once,
-            h * (by_0[V] + at_once + h / m),
+            h * mobility,
+            h * (by_0[V] + mobility + h / m),
             by_0[MEAN] + h * h / (6.0 * m),
         ),
         "by_1": Path(
             0.0,
             by_1[X] - h * h / (6.0 * m),
-            -h * at_once,
-            h * (by_1[V] + at_once),
+            -h * mobility,
+            h * (by_1[V] + mobility),
             by_1[MEAN] - h * h / (12.0 * m),
         ),
     }
@@ -204,7 +205,7 @@ def _of_contact(spec: PlantSpec, linear: Linear, spring: float) -> dict[str, Any
 
 def with_contact(model: ModalModel, spec: PlantSpec) -> ModalModel:
     """Return the model of the same structure with the sphere and the contact of `spec`."""
-    return model._replace(**_of_contact(spec, model.linear, model.contact.spring_m_n))
+    return model._replace(**_of_contact(spec, model.linear, model.contact.residual_m_n))
 
 
 class ModalPlant(Plant):

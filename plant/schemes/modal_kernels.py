@@ -7,8 +7,11 @@ energy (`plant.contact.contact_kernels`).
 
 Step k runs from time k h to (k+1) h. The contact force F_c > 0 pushes the sphere up and the
 structure down, the actuator force F_a > 0 pushes the structure up. Force 0 acts at the contact; the
-actuator's is the last one, the same if it acts there too. Point 0 is the contact. Forces of a step
-are folded into the poles when the next step propagates these. Nothing here allocates.
+actuator's is the last one, the same if it acts there too. Point 0 is the contact. Nothing here
+allocates.
+
+A step goes: the poles under the forces of the step before, the actuator force, the sphere in
+flight, the gap without contact, the contact force if there is one, the works, what can be seen.
 """
 
 from typing import NamedTuple
@@ -23,7 +26,6 @@ from hertzloop.plant.contact import contact_kernels
 from hertzloop.plant.contact.contact_kernels import ContactModel, Path
 from hertzloop.plant.lanes import LANES, fma, load, mul, neg, splat, store, total
 from hertzloop.plant.state_kernels import (
-    A_S,
     AWAKE,
     DEEPEST,
     F_A,
@@ -32,22 +34,24 @@ from hertzloop.plant.state_kernels import (
     F_C1,
     FALLBACKS,
     INJECTED,
-    LOOK_EVERY,
     MODAL_DISSIPATED,
     NEWTON_MAX,
     NEWTON_TOTAL,
     PLASTIC_DISSIPATED,
-    SILENT_M,
+    PRUNE_EVERY,
+    SENSOR_A,
+    SENSOR_V,
+    SILENT_POLE,
     STEP,
-    V_S,
     XI_A,
 )
 from hertzloop.plant.structures.linear import IM, MEAN, RE, Linear, V, X
 
 CONTACT = 0  # force and point of the contact
-# Further indices into the state's body: work done on the contact and its spring (J), what the
-# actuator bends that spring by (m).
-CONTACT_WORK, OWN = range(state_kernels.BODY_SIZE, state_kernels.BODY_SIZE + 2)
+# Further indices into the state's body: work done on the contact and the residual in series (J);
+# what the actuator lifts the contact point by through that residual, R F_a, at the end of the last
+# step (m).
+CONTACT_WORK, RAISED = range(state_kernels.BODY_SIZE, state_kernels.BODY_SIZE + 2)
 BODY_SIZE = state_kernels.BODY_SIZE + 2
 # Further index into the state's balance: work of all forces on the structure, J.
 WORK = state_kernels.BALANCE_SIZE
@@ -57,10 +61,11 @@ BALANCE_SIZE = state_kernels.BALANCE_SIZE + 1
 class ModalState(NamedTuple):
     """What changes.
 
-    `z`: of the poles, (2, n); `force`: F_0 and F_1 of the last step, (forces, 2); `seen`:
-    displacement and velocity of every point at its end, without what follows a force at once,
-    (points, 2); `before`: the same at its start; scalars by the indices of
-    `hertzloop.plant.state_kernels`.
+    `z`: of the poles, without the forces of the last step, (2, n); `force`: F_0 and F_1 of that
+    step, which wait there, (forces, 2): at the present time the poles are z + sum drive force. A
+    step makes z <- e^(s h) (z + sum drive force). `seen`: displacement and velocity of every point
+    at its end, without what follows a force at once, (points, 2); `before`: the same at its start;
+    scalars by the indices of `hertzloop.plant.state_kernels`.
     """
 
     z: np.ndarray
@@ -75,8 +80,8 @@ class ModalState(NamedTuple):
 class ModalModel(NamedTuple):
     """What does not change during a run.
 
-    `by_0`, `by_1`: change of the gap by a unit F_0 and F_1 of the contact force. `own_spring_m_n`:
-    the spring of the modes left out, as far as the actuator bends it.
+    `by_0`, `by_1`: change of the gap by a unit F_0 and F_1 of the contact force. `raised_by_m_n`:
+    the residual R of the modes left out where the actuator acts at the contact, else 0.
     """
 
     step_s: float
@@ -90,13 +95,13 @@ class ModalModel(NamedTuple):
     actuator_force: int
     actuator_point: int
     sensor_point: int
-    own_spring_m_n: float
+    raised_by_m_n: float
     damped: bool
 
 
 @kernel(copied=True)
-def fold(linear, z, awake, force, f0, f1):
-    """Let F_0 and F_1 of a force act on the poles."""
+def drive(linear, z, awake, force, f0, f1):
+    """Let F_0 and F_1 of a force act on the poles: z <- z + drive_0 F_0 + drive_1 F_1."""
     by_re, by_im = linear.drive[force, :, RE], linear.drive[force, :, IM]
     a, b = splat(f0), splat(f1)
     for k in range(0, awake, LANES):
@@ -105,8 +110,9 @@ def fold(linear, z, awake, force, f0, f1):
 
 
 @kernel(copied=True)
-def turn(linear, z, awake):
-    """Turn the poles by a step; displacement (m) and velocity (m/s) of the contact point then."""
+def rotate(linear, z, awake):
+    """Rotate the poles by a step, z <- e^(s h) z. Returns displacement (m) and velocity (m/s) of
+    the contact point."""
     x_by, v_by = linear.see[CONTACT, X], linear.see[CONTACT, V]
     x = v = splat(0.0)
     for k in range(0, awake, LANES):
@@ -130,20 +136,20 @@ def look(by, z, awake):
 
 
 @kernel(copied=True)
-def wake(state):
+def prune(state):
     """How many poles have to be propagated: all after a force, else those that have not died away.
 
-    Those of high frequency that have are set to zero from time to time: the numbers that they
-    would become are slow.
+    Those of high frequency that have are set to zero from time to time, else they decay into
+    denormal numbers, which are slow.
     """
     z, counts = state.z, state.counts
     for force in range(state.force.shape[0]):
         if state.force[force, 0] != 0.0 or state.force[force, 1] != 0.0:
             counts[AWAKE] = z.shape[1]
             return counts[AWAKE]
-    if counts[STEP] % LOOK_EVERY == 0:
+    if counts[STEP] % PRUNE_EVERY == 0:
         n = counts[AWAKE]
-        while n > 0 and abs(z[RE, n - 1]) + abs(z[IM, n - 1]) <= SILENT_M:
+        while n > 0 and abs(z[RE, n - 1]) + abs(z[IM, n - 1]) <= SILENT_POLE:
             n -= 1
             z[RE, n] = 0.0
             z[IM, n] = 0.0
@@ -155,16 +161,16 @@ def wake(state):
 def propagate(linear, state):
     """Propagate the poles by a step under the forces of the last one; what is seen at its end."""
     z, seen = state.z, state.seen
-    awake = wake(state)
+    awake = prune(state)
     for point in range(seen.shape[0]):
         state.before[point, X] = seen[point, X]
         state.before[point, V] = seen[point, V]
     for force in range(state.force.shape[0]):
         f0, f1 = state.force[force, 0], state.force[force, 1]
         if f0 != 0.0 or f1 != 0.0:
-            fold(linear, z, awake, force, f0, f1)
+            drive(linear, z, awake, force, f0, f1)
             state.force[force, 0] = state.force[force, 1] = 0.0
-    seen[CONTACT, X], seen[CONTACT, V] = turn(linear, z, awake)
+    seen[CONTACT, X], seen[CONTACT, V] = rotate(linear, z, awake)
     for point in range(1, seen.shape[0]):
         seen[point, X] = look(linear.see[point, X], z, awake)
         seen[point, V] = look(linear.see[point, V], z, awake)
@@ -172,7 +178,7 @@ def propagate(linear, state):
 
 
 @kernel(part=True)
-def push(linear, state, force, f0, f1):
+def push_structure(linear, state, force, f0, f1):
     """Let F_0 and F_1 (N) of a force act in this step: add what they do to every point."""
     state.force[force, 0] += f0
     state.force[force, 1] += f1
@@ -200,11 +206,11 @@ def work_of(state, point, mean, f0, f1):
 
 
 @kernel(part=True)
-def settle(model, state, gap, guess):
-    """Let the contact be at a modal gap, with the work done on it: its force (N), and that by the
-    penetration (N/m); `guess`: a force nearby (N)."""
+def book_contact_at(model, state, gap, guess):
+    """Write the work done on the contact and its deepest penetration at a modal gap. Returns its
+    force F (N) and dF/dp (N/m), without damping; `guess`: a force nearby (N)."""
     body, contact = state.body, model.contact
-    if gap >= -dent_now(model, body):
+    if gap >= -indentation_now(model, body):
         guess = 0.0
     force, slope, body[CONTACT_WORK], p = contact_kernels.in_series(
         contact, gap, body[DEEPEST], guess
@@ -218,38 +224,38 @@ def deepen(model, state, p):
     """Note a penetration (m), if none was deeper and the contact yields; book what that takes."""
     if p > model.contact.yield_m and p > state.body[DEEPEST]:
         state.body[DEEPEST] = p
-        state.balance[PLASTIC_DISSIPATED] = contact_kernels.taken(model.contact, p)
+        state.balance[PLASTIC_DISSIPATED] = contact_kernels.yield_loss(model.contact, p)
 
 
 @kernel(part=True)
-def dent_now(model, body):
-    """Dent that there is, m."""
-    return contact_kernels.dent(model.contact, body[DEEPEST])
+def indentation_now(model, body):
+    """Permanent indentation so far, m."""
+    return contact_kernels.indentation(model.contact, body[DEEPEST])
 
 
 @kernel(copied=True)
-def gap_without_contact(model, state, sphere, own_0, own_1, f_a, f_a1):
+def gap_without_contact(model, state, sphere, raised_0, raised_1, f_a, f_a1):
     """The modal gap over the step without a contact force, but for its mean; `sphere`: heights and
     velocities at both ends."""
     h = model.step_s
-    height_0, speed_0, height_1, speed_1 = sphere
-    at_once = model.linear.direct[CONTACT, model.actuator_force]
-    start, end = state.before[CONTACT, V], state.seen[CONTACT, V]
-    bends = own_1 - own_0
+    sphere_0, sphere_v0, sphere_1, sphere_v1 = sphere
+    mobility = model.linear.direct[CONTACT, model.actuator_force]
+    plate_v0, plate_v1 = state.before[CONTACT, V], state.seen[CONTACT, V]
+    raised = raised_1 - raised_0
     return Path(
-        height_0 - state.before[CONTACT, X] - own_0,
-        height_1 - state.seen[CONTACT, X] - own_1,
-        h * (speed_0 - start - at_once * (f_a - f_a1)) - bends,
-        h * (speed_1 - end - at_once * (f_a + f_a1)) - bends,
+        sphere_0 - state.before[CONTACT, X] - raised_0,
+        sphere_1 - state.seen[CONTACT, X] - raised_1,
+        h * (sphere_v0 - plate_v0 - mobility * (f_a - f_a1)) - raised,
+        h * (sphere_v1 - plate_v1 - mobility * (f_a + f_a1)) - raised,
         0.0,
     )
 
 
 @kernel(copied=True)
-def touches(free, rest):
-    """Whether the contact can have a force in the step, from the gap without it; `rest`: the gap
-    at which contact begins."""
-    return free.start < rest or free.end < rest or free.slope_0 < 0.0 < free.slope_1
+def touches(free, touch_m):
+    """Whether the contact can have a force in the step, from the gap without it; `touch_m`: the
+    gap at which contact begins."""
+    return free.start < touch_m or free.end < touch_m or free.slope_0 < 0.0 < free.slope_1
 
 
 @kernel(copied=True)
@@ -278,35 +284,37 @@ def contact_force(model, state, free):
 
 
 @kernel(copied=True)
-def plate_speed(model, state, sphere_v, bends, force, slope):
-    """Velocity of the contact point at the end of the step, m/s, under a contact force `force` (N)
-    there, damping left out, of `slope` (N/m); `bends`: what the actuator's force bends the spring
-    of the modes left out by over the step (m)."""
-    contact, linear, spring = model.contact, model.linear, model.contact.spring_m_n
+def plate_speed(model, state, sphere_v, raised, force, slope):
+    """Velocity of the contact point at the end of the step, m/s, under a contact force F = `force`
+    (N) there, damping left out, with `slope` = dF/dp (N/m); `raised`: change of R F_a over the step
+    (m).
+
+    With a mobility Y = `direct` and a damper D: u <- (u + Y (D v_s - F))/(1 + Y D). With a residual
+    R in series, which excludes Y: v_p = u + R dF/dp/(1 + R dF/dp) (v_s - u).
+    """
+    contact, linear, residual = model.contact, model.linear, model.contact.residual_m_n
     actuator = model.actuator_force
     damper = 0.0
     if force > 0.0:
         damper = contact.viscous_n_s_m + contact.hunt_crossley_s_m * force
-    speed = state.seen[CONTACT, V] + bends / model.step_s
+    speed = state.seen[CONTACT, V] + raised / model.step_s
     speed += linear.direct[CONTACT, actuator] * (state.body[F_A] + state.body[F_A1])
-    # What follows the contact force at once, and with it the damper's.
-    at_once = linear.direct[CONTACT, CONTACT]
-    speed = (speed + at_once * (damper * sphere_v - force)) / (1.0 + at_once * damper)
-    # The spring gives way as the force changes with the gap.
-    return speed + spring * slope / (1.0 + spring * slope) * (sphere_v - speed)
+    mobility = linear.direct[CONTACT, CONTACT]
+    speed = (speed + mobility * (damper * sphere_v - force)) / (1.0 + mobility * damper)
+    return speed + residual * slope / (1.0 + residual * slope) * (sphere_v - speed)
 
 
 @kernel(copied=True)
-def observe(model, state, sphere, sphere_v, own, speed, force):
+def observe(model, state, sphere, raised, plate_v, force):
     """Write what can be seen at the end of the step: gap, plate and sensor. The contact force
-    `force` (N) and `own` (m) bend the spring of the modes left out."""
+    `force` (N) bends the residual, and the actuator raises the contact point by `raised` (m)."""
     body, at = state.body, model.actuator_point
-    plate = state.seen[CONTACT, X] + own - model.contact.spring_m_n * force
-    state_kernels.observe(body, model.step_s, sphere, plate, speed)
+    plate = state.seen[CONTACT, X] + raised - model.contact.residual_m_n * force
+    state_kernels.note_contact_point(body, model.step_s, sphere, plate, plate_v)
     body[XI_A] = plate if at == CONTACT else state.seen[at, X]
     seen = state.seen[model.sensor_point, V]
-    body[A_S] = (seen - body[V_S]) / model.step_s
-    body[V_S] = seen
+    body[SENSOR_A] = (seen - body[SENSOR_V]) / model.step_s
+    body[SENSOR_V] = seen
 
 
 @kernel(part=True)
@@ -315,49 +323,53 @@ def step(model, state, command):
     linear, body, balance, counts = model.linear, state.body, state.balance, state.counts
     f_a, f_a1 = act.force(model.actuator, body, command)
     awake = propagate(linear, state)
-    push(linear, state, model.actuator_force, f_a, f_a1)
+    push_structure(linear, state, model.actuator_force, f_a, f_a1)
     sphere = state_kernels.flight(model, body, counts)
 
-    own_0 = model.own_spring_m_n * (f_a - f_a1)
-    own_1 = model.own_spring_m_n * (f_a + f_a1)
-    free = gap_without_contact(model, state, sphere, own_0, own_1, f_a, f_a1)
-    if own_0 != body[OWN]:  # the actuator's force jumps, and bends the spring in the contact
+    raised_0 = model.raised_by_m_n * (f_a - f_a1)
+    raised_1 = model.raised_by_m_n * (f_a + f_a1)
+    free = gap_without_contact(model, state, sphere, raised_0, raised_1, f_a, f_a1)
+    if raised_0 != body[RAISED]:  # the actuator's force jumps, and the residual bends
         before = body[CONTACT_WORK]
-        settle(model, state, free.start, body[F_C] + body[F_C1])
+        book_contact_at(model, state, free.start, body[F_C] + body[F_C1])
         balance[INJECTED] += body[CONTACT_WORK] - before
-    body[OWN] = own_1
+    body[RAISED] = raised_1
 
     f_c = f_c1 = lost = unforced = 0.0
-    _, _, height, speed = sphere
-    if touches(free, -dent_now(model, body)):
-        gravity = model.gravity_m_s2 * model.step_s * model.step_s
-        mean = sphere[0] + 0.5 * model.step_s * sphere[1] - gravity / 6.0
+    height_0, sphere_v0, height, sphere_v = sphere
+    if touches(free, -indentation_now(model, body)):
+        fall = model.gravity_m_s2 * model.step_s * model.step_s
+        mean_gap = height_0 + 0.5 * model.step_s * sphere_v0 - fall / 6.0
         unforced = look(linear.see[CONTACT, MEAN], state.z, awake)
-        mean -= mean_under(linear, state, CONTACT, unforced) + 0.5 * (own_0 + own_1)
-        free = Path(free.start, free.end, free.slope_0, free.slope_1, mean)
+        mean_gap -= mean_under(linear, state, CONTACT, unforced) + 0.5 * (raised_0 + raised_1)
+        free = Path(free.start, free.end, free.slope_0, free.slope_1, mean_gap)
         f_c, f_c1, lost = contact_force(model, state, free)
     if f_c != 0.0 or f_c1 != 0.0:
-        push(linear, state, CONTACT, -f_c, -f_c1)
-        height, speed = state_kernels.push(model, state, height, speed, f_c, f_c1, lost)
-        moved = mean_under(linear, state, CONTACT, unforced)
-        balance[WORK] += work_of(state, CONTACT, moved, -f_c, -f_c1)
+        push_structure(linear, state, CONTACT, -f_c, -f_c1)
+        height, sphere_v = state_kernels.push_sphere(
+            model, state, height, sphere_v, f_c, f_c1, lost
+        )
+        mean = mean_under(linear, state, CONTACT, unforced)
+        balance[WORK] += work_of(state, CONTACT, mean, -f_c, -f_c1)
     if f_a != 0.0 or f_a1 != 0.0:
         at = model.actuator_point
-        moved = 0.0
+        mean = 0.0
         if f_a1 != 0.0:
             unforced = look(linear.see[at, MEAN], state.z, awake)
-            moved = mean_under(linear, state, at, unforced)
-        work = work_of(state, at, moved, f_a, f_a1)
+            mean = mean_under(linear, state, at, unforced)
+        work = work_of(state, at, mean, f_a, f_a1)
         balance[WORK] += work
-        balance[INJECTED] += work + (own_1 - own_0) * f_c
-    gap = height - state.seen[CONTACT, X] - own_1
-    force, slope = settle(model, state, gap, f_c + f_c1)
+        # Over u = R (F_a - F_c) the actuator works R F_a^2/2 - R F_a F_c, which is a state and left
+        # out, and the integral of R F_c dF_a.
+        balance[INJECTED] += work + (raised_1 - raised_0) * f_c
+    gap = height - state.seen[CONTACT, X] - raised_1
+    force, slope = book_contact_at(model, state, gap, f_c + f_c1)
     body[F_C] = f_c
     body[F_C1] = f_c1
     body[F_A] = f_a
     body[F_A1] = f_a1
-    plate_v = plate_speed(model, state, speed, own_1 - own_0, force, slope)
-    observe(model, state, height, speed, own_1, plate_v, force)
+    plate_v = plate_speed(model, state, sphere_v, raised_1 - raised_0, force, slope)
+    observe(model, state, height, raised_1, plate_v, force)
     counts[STEP] += 1
     return f_c
 
@@ -390,5 +402,5 @@ def close_balance(model, state):
 
 @kernel(part=True)
 def contact_energy(model, state):
-    """Energy stored in the contact and the spring of the modes left out, J."""
+    """Energy stored in the contact and the residual of the modes left out, J."""
     return state.body[CONTACT_WORK] - state.balance[PLASTIC_DISSIPATED]

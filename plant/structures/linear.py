@@ -1,9 +1,10 @@
 """A linear structure: poles, forces that drive them, points that see them.
 
 Everything linear is z' = s z + B F for every pole s, and a point moves by the real part of C z. The
-poles are complex: one of each conjugate pair stands for an oscillator. `Linear` is the same from
-step to step under forces F(t) = F_0 + F_1 (2 t/h - 1); the step of the plant, margins, exports and
-pictures read it.
+poles are complex: one of each conjugate pair stands for an oscillator. `Linear` is the same
+structure in discrete time, under forces F(t) = F_0 + F_1 (2 t/h - 1) in each step; the step of the
+plant, margins, exports and pictures read it. `plant.schemes.modal.poles_of` builds the poles of a
+plant.
 
     q'' + 2 delta q' + w^2 q = lambda b_F F, moving a point by b q, is the pole s = -delta + j theta
     with B = lambda b_F, C = -j b/theta, theta^2 = w^2 - delta^2; then z = q' + delta q + j theta q.
@@ -91,7 +92,13 @@ def phis(x):
 
 @kernel
 def _fill(poles, drive, see, step_s, linear):
-    """Write the coefficients of a step into the arrays of `linear`, all zeros before."""
+    """Write the coefficients of a step into the arrays of `linear`, all zeros before.
+
+    With x = s h, drive = B h phi_1 and B h x (2 phi_3 - phi_2), the integrals of e^(s (h - t)) B
+    times 1 and P = 2 t/h - 1; their means over the step are B h phi_2 and B h (2 phi_3 - phi_2).
+    see = C, C s and C phi_1(-x), the mean of e^(s (t - h)) C. gain = Re(C drive), Re(C s drive),
+    Re(C mean).
+    """
     h = step_s
     for n in range(poles.size):
         s = poles[n]
@@ -100,7 +107,7 @@ def _fill(poles, drive, see, step_s, linear):
         rise = 2.0 * three - two
         held, risen = h * one, h * (x * rise)
         mean_held, mean_risen = h * two, h * rise
-        back = phis(-x)[1]
+        mean_by_end = phis(-x)[1]
         linear.turn[RE, n] = turn.real
         linear.turn[IM, n] = turn.imag
         for force in range(drive.shape[0]):
@@ -121,7 +128,7 @@ def _fill(poles, drive, see, step_s, linear):
                 linear.gain[point, MEAN, force, 1] += (c * mean_1).real
         for point in range(see.shape[0]):
             c = see[point, n]
-            speed, mean = c * s, c * back
+            speed, mean = c * s, c * mean_by_end
             linear.see[point, X, RE, n] = c.real
             linear.see[point, X, IM, n] = -c.imag
             linear.see[point, V, RE, n] = speed.real
@@ -153,7 +160,8 @@ def deflections(linear, z, forces, first, frames, found):
 
     Args:
         linear: the structure.
-        z: of the poles at the start of the block, (2, n); at its end afterwards.
+        z: of the poles at the start of the block, with all forces until then, (2, n); at its end
+            afterwards.
         forces: F_0 and F_1 of every force and step, (2 forces, steps).
         first: number of the block's first step.
         frames: steps to note, ascending, those of the block alone.

@@ -8,7 +8,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hertzloop.plant.contact import yielding
-from hertzloop.plant.contact.contact_kernels import ContactModel, dent, in_series, law, taken
+from hertzloop.plant.contact.contact_kernels import (
+    ContactModel,
+    in_series,
+    indentation,
+    law,
+    yield_loss,
+)
 from hertzloop.plant.contact.hertz import Contact as Description
 from hertzloop.plant.contact.hertz import Limit, hertz_stiffness
 from hertzloop.plant.structures.materials import MATERIALS
@@ -42,7 +48,7 @@ def test_an_elastic_contact_is_hertz():
     _, slope, work = law(ELASTIC, 3e-6, 0.0)
     assert slope == pytest.approx(1.5 * STIFFNESS * math.sqrt(3e-6), rel=1e-14)
     assert work == pytest.approx(0.4 * STIFFNESS * 3e-6**2.5, rel=1e-14)
-    assert dent(ELASTIC, 1e-5) == taken(ELASTIC, 1e-5) == 0.0
+    assert indentation(ELASTIC, 1e-5) == yield_loss(ELASTIC, 1e-5) == 0.0
 
 
 def test_a_contact_that_yields_is_thorntons():
@@ -52,7 +58,7 @@ def test_a_contact_that_yields_is_thorntons():
     first = STIFFNESS * at_yield**1.5
     load = first + math.pi * PRESSURE * RADIUS * (deepest - at_yield)
     assert force(YIELDS, deepest, at_yield) == pytest.approx(load, rel=1e-12)
-    dents = np.array([dent(YIELDS, d) for d in deepest])
+    dents = np.array([indentation(YIELDS, d) for d in deepest])
     flatter = RADIUS * STIFFNESS * deepest**1.5 / load
     area = (2.0 * load + first) / (2.0 * math.pi * PRESSURE)
     assert flatter * (deepest - dents) == pytest.approx(area, rel=1e-12)
@@ -71,7 +77,7 @@ def test_force_and_work_are_continuous_where_the_law_changes(deepest):
     assert before[2] == pytest.approx(after[2], rel=1e-10)
     if deepest == YIELDS.yield_m:
         assert before[1] == pytest.approx(after[1], rel=1e-10)
-    left, lost = dent(YIELDS, deepest), taken(YIELDS, deepest)
+    left, lost = indentation(YIELDS, deepest), yield_loss(YIELDS, deepest)
     assert law(YIELDS, left - 1e-6, deepest) == (0.0, 0.0, lost)
     value, _, work = law(YIELDS, left + 1e-12, deepest)
     assert 0.0 < value < 1e-6 * before[0]
@@ -80,15 +86,15 @@ def test_force_and_work_are_continuous_where_the_law_changes(deepest):
 
 @pytest.mark.parametrize("deepest", DEEPEST)
 def test_work_is_the_integral_of_the_force(deepest):
-    left, at_yield = dent(YIELDS, deepest), YIELDS.yield_m
+    left, at_yield = indentation(YIELDS, deepest), YIELDS.yield_m
     in_and_down = work_j(YIELDS, 0.0, at_yield, at_yield)
     in_and_down += work_j(YIELDS, at_yield, deepest, at_yield)
     deep, back = law(YIELDS, deepest, at_yield)[2], work_j(YIELDS, left, deepest, deepest)
     assert deep == pytest.approx(in_and_down, rel=1e-10)
-    assert taken(YIELDS, deepest) == pytest.approx(deep - back, abs=1e-10 * deep)
+    assert yield_loss(YIELDS, deepest) == pytest.approx(deep - back, abs=1e-10 * deep)
     half = 0.5 * (left + deepest)
     _, slope, work = law(YIELDS, half, deepest)
-    lost = taken(YIELDS, deepest)
+    lost = yield_loss(YIELDS, deepest)
     assert work == pytest.approx(lost + work_j(YIELDS, left, half, deepest), rel=1e-10)
     ends = force(YIELDS, half * np.array([1.0 - 1e-5, 1.0 + 1e-5]), deepest)
     assert slope == pytest.approx(np.diff(ends)[0] / (2e-5 * half), rel=1e-8)
@@ -103,7 +109,7 @@ def test_work_is_the_integral_of_the_force(deepest):
 @example(1.2864658531455843e-04, 3.388203799864356e-07, 19.0, 0.0)  # Newton alone goes in circles
 def test_a_spring_in_series_takes_its_share(gap, flexibility, dented, nearby):
     """The force at a modal gap, from any force nearby; the work is done on both."""
-    contact = YIELDS._replace(spring_m_n=flexibility)
+    contact = YIELDS._replace(residual_m_n=flexibility)
     deepest = YIELDS.yield_m * max(1.0, dented)
     exact = law(contact, gap, deepest)[0]
     value, slope, work, p = in_series(contact, -gap, deepest, nearby * exact)

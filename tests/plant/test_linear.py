@@ -13,13 +13,13 @@ from hertzloop.plant.lanes import LANES
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.schemes.modal import (
     ModalPlant,
-    flexibility_m_n,
     impedance_n_s_m,
     poles_of,
-    residual_limit,
+    residual_corner_rad_s,
     residual_m_n,
     residual_mobility_m_ns,
     residual_pole,
+    series_residual_m_n,
 )
 from hertzloop.plant.structures.linear import IM, RE, Linear, Poles, V, X, linear_of, phis
 from tests.plant.rigs import after_steps, spec
@@ -187,7 +187,9 @@ def test_the_damped_pole_of_a_plate_is_as_flexible_as_the_modes_left_out():
     what = replace(spec(limit_hz=125e3), residual_flexibility=True, damped_residual=True)
     mobility_m_ns = residual_mobility_m_ns(what)
     assert mobility_m_ns == 1.0 / what.local_plate.infinite_plate_impedance_n_s_m
-    pole, drive, _ = residual_pole(mobility_m_ns, residual_limit(mobility_m_ns, residual_m_n(what)))
+    pole, drive, _ = residual_pole(
+        mobility_m_ns, residual_corner_rad_s(mobility_m_ns, residual_m_n(what))
+    )
     assert (-1j * drive / -pole).real == pytest.approx(residual_m_n(what), rel=1e-13)
     structure = poles_of(what, modes_of(what))
     assert structure.poles[-1] == pole
@@ -208,6 +210,6 @@ def test_modes_left_out_act_as_a_spring():
     )
     assert abs(sprung - many).max() < 0.1 * abs(bare - many).max()
     what: PlantSpec = replace(spec(limit_hz=125e3), residual_flexibility=True)
-    assert flexibility_m_n(what) == pytest.approx(
+    assert series_residual_m_n(what) == pytest.approx(
         what.plate.residual_flexibility_m_n(2 * math.pi * 125e3), rel=0.2
     )

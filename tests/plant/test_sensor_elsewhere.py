@@ -11,7 +11,7 @@ from hertzloop.fitting.records.record import Record
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.plant import modes_of
-from hertzloop.plant.state_kernels import A_S, F_C, FLIGHT_V, FLIGHT_X, V_P, V_S
+from hertzloop.plant.state_kernels import F_C, FLIGHT_V, FLIGHT_X, SENSOR_A, SENSOR_V, V_P
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.controller import check_buildable
@@ -30,7 +30,7 @@ def plate(*settings: str) -> Setup:
 
 def seen(setup: Setup, forces: np.ndarray) -> np.ndarray:
     """Velocity and acceleration that the state has where the sensor is, after every step."""
-    return after_steps(build_plant(setup, flight=True), forces, [V_S, A_S]).T
+    return after_steps(build_plant(setup, flight=True), forces, [SENSOR_V, SENSOR_A]).T
 
 
 def by_reciprocity(setup: Setup, forces: np.ndarray) -> np.ndarray:
@@ -99,7 +99,7 @@ def test_the_contact_force_moves_the_sensor_as_the_modes_say():
         velocity += modes.scale_per_kg * c * s * float(np.sum(push * answer))
     plant = build_plant(setup)
     ts.series_under(plant, np.zeros(steps))
-    assert plant.state.body[V_S] == pytest.approx(velocity, rel=1e-9)
+    assert plant.state.body[SENSOR_V] == pytest.approx(velocity, rel=1e-9)
 
 
 def table(with_sensor: bool) -> ModeTable:
@@ -179,7 +179,7 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file, tmp_path):
     point = with_measuring_point(velocity_record(), setup).measurement.point_m
     simulator = ImpactSimulator(setup, 5e-4, 1e-3, point)
     plant = build_plant(setup)
-    seen_m_s = after_steps(plant, np.zeros(setup.steps), V_S)
+    seen_m_s = after_steps(plant, np.zeros(setup.steps), SENSOR_V)
     after_s = np.linspace(2e-5, 4e-4, 30)
     height, speed = plant.at_start().state.body[[FLIGHT_X, FLIGHT_V]]
     lead_s = 2.0 * height / (setup.sphere.impact_speed_m_s - speed)  # the mean of both speeds

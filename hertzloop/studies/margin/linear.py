@@ -223,9 +223,9 @@ def by_command(model: ModalModel, gap: bool) -> PoleForm:
         at_once = float(linear.direct[model.sensor_point, force])
     first = [at_once, at_once]
     if gap:
-        first = [-model.own_spring_m_n] * 2
+        first = [-model.raised_by_m_n] * 2
     elif model.sensor_point == 0:
-        first[1] += 2.0 * model.own_spring_m_n / model.step_s
+        first[1] += 2.0 * model.raised_by_m_n / model.step_s
     forms = [
         PoleForm(poles, 0.5 * weight * drive, np.array([fir, 0.0]))
         for drive, fir in zip((by_mean, by_slope), first, strict=True)
