@@ -60,7 +60,7 @@ def _presence(role: str, other: str) -> list[dict[str, object]]:
 
 
 def _tokens(role: str) -> tuple[str, ...]:
-    return f"alive/{role}/*", f"compiling/{role}/*", f"complete/{role}"
+    return f"alive/{role}/*", f"complete/{role}"
 
 
 def access_control(role: str) -> dict[str, object]:

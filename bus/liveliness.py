@@ -11,13 +11,9 @@ from collections.abc import Callable, Collection, Sequence
 
 import zenoh
 
-from hertzloop.bus.compiling import Compiling
 from hertzloop.bus.port import BusError, PeerLost
-from hertzloop.bus.process_clock import clock
-from hertzloop.bus.streams import RECORDER, ROLES
-from hertzloop.bus.zenoh_config import role_of
+from hertzloop.bus.streams import RECORDER, ROLES, SUBSCRIPTIONS
 
-_NOTICE_S = 4.0  # for zenoh to say whose link it has closed
 # For a final message that says why a role has left: it comes over the link of another role, perhaps
 # later.
 _EXPLAIN_S = 0.5
@@ -60,11 +56,6 @@ class Liveliness:
             for key, handler in (("alive/*/*", self._on_life), ("complete/*", self._on_complete))
         ]
         self._tokens: list[zenoh.LivelinessToken] = []
-        self._unlinked: list[tuple[float, str]] = []  # when, and of which role by the session's id
-        self._links = session.info.declare_link_events_listener(
-            zenoh.handlers.Callback(self._on_link, indirect=False)
-        )
-        self.compiling = Compiling(session, self._root, role, self._instance)
 
     def _on_life(self, sample: zenoh.Sample) -> None:
         role, instance = str(sample.key_expr).rsplit("/", 2)[1:]
@@ -73,17 +64,13 @@ class Liveliness:
         if sample.kind == zenoh.SampleKind.PUT:
             self.alive[role].add(instance)
         else:
-            self._left_s[role] = clock.now()  # first: who is not alive has a time
+            self._left_s[role] = time.monotonic()  # first: who is not alive has a time
             self.alive[role].discard(instance)
             self._on_left(PeerLost(f"{role} left the run", role))
 
     def _on_complete(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
             self._complete.add(str(sample.key_expr).rsplit("/", 1)[1])
-
-    def _on_link(self, event: zenoh.LinkEvent) -> None:
-        if event.kind == zenoh.SampleKind.DELETE:
-            self._unlinked.append((clock.now(), role_of(self.name, str(event.link.zid))))
 
     def _declare(self, what: str) -> None:
         self._tokens.append(self._living.declare_token(f"{self._root}/{what}"))
@@ -114,10 +101,6 @@ class Liveliness:
         """From now on `role` may leave: it has announced its end."""
         self._watched.pop(role, None)
 
-    def takes_part(self, role: str, instance: str) -> bool:
-        """Whether this process of a role is the one that takes part in the run."""
-        return self._watched.get(role) == instance
-
     def missing(self) -> list[str]:
         """Roles of the run that left it without a word.
 
@@ -128,11 +111,16 @@ class Liveliness:
         """
         if not self._left_s or RECORDER in self._complete:
             return []
-        ended, watched = self._ended, list(self._watched.items())
-        lost = [role for role, one in watched if one not in self.alive[role] and role not in ended]
-        to_report = self._watched.keys() - ended - {*lost}
-        before_s = clock.now() - (_EXPLAIN_S if to_report else 0.0)
+        lost = self._gone()
+        to_report = self._watched.keys() - self._ended - {*lost}
+        before_s = time.monotonic() - (_EXPLAIN_S if to_report else 0.0)
         return [role for role in lost if self._left_s[role] <= before_s]
+
+    def _gone(self) -> list[str]:
+        """Return the roles of the run that are not there and did not announce their end."""
+        watched = list(self._watched.items())
+        gone = [role for role, one in watched if one not in self.alive[role]]
+        return [role for role in gone if role not in self._ended]
 
     def look_again_s(self) -> float:
         """How long a wait may last before a role could be missed: without end as long as all are
@@ -149,27 +137,24 @@ class Liveliness:
     def nothing_came(self, timeout_s: float, awaited: str, senders: Collection[str]) -> PeerLost:
         """The error of a wait for a message of `senders` that has timed out."""
         return PeerLost(
-            f"{self.role} waited {timeout_s:g} s for {awaited}: nothing came"
-            f"{self.compiling.words()}",
+            f"{self.role} waited {timeout_s:g} s for {awaited}: nothing came",
             *(role for role in self._watched if role in senders),
         )
 
-    def not_taken(self, stream: str, patience_s: float) -> BusError:
-        """The error of a message that zenoh has given up: it names who did not take it. That can be
-        a session with an id of a role's, whose process is still there."""
-        began_s = clock.now()
-        what = f"accepted no message for {patience_s:g} s; {self.role} was sending '{stream}'"
-        while not (deaf := set(self.missing())) and clock.now() < began_s + _NOTICE_S:
-            if clock.now() > began_s + 2 * _EXPLAIN_S:
-                closed = {role for at_s, role in self._unlinked if at_s > began_s - patience_s}
-                for role in sorted(closed - {"", *self._left_s}):
-                    return BusError(
-                        f"an unknown process that uses a session id of the {role} {what}. "
-                        "End that process, or use certificates"
-                    )
-            time.sleep(_LOOK_S)
-        named = sorted(deaf or self._watched.keys() - self._ended or self._watched)
-        return PeerLost(f"{' or '.join(named)} {what}", *named)
+    def not_taken(self, stream: str, timeout_s: float) -> PeerLost:
+        """The error of a message that zenoh has given up: it names who may not have accepted it.
+        zenoh does not say whose link it is about to close, if that is the link of a process that
+        hangs."""
+        if deaf := sorted(self._gone()):
+            named = " and ".join(deaf)
+        else:
+            hearing = self._watched.keys() - self._ended
+            deaf = sorted(role for role in hearing if stream in SUBSCRIPTIONS[role])
+            named = " or ".join([*deaf, "an observer"])
+        return PeerLost(
+            f"{named} accepted no message for {timeout_s:g} s; {self.role} was sending '{stream}'",
+            *deaf,
+        )
 
     def _refuse_doubles(self) -> None:
         for role, instances in self.alive.items():
@@ -186,16 +171,14 @@ class Liveliness:
 
         A role that left while others were awaited may come again.
         """
-        deadline = clock.now() + timeout_s
+        deadline = time.monotonic() + timeout_s
         while absent := [role for role in roles if not self.alive[role]]:
             self._refuse_doubles()
             if self._aborted:
                 raise self._aborted
-            deadline = self.compiling.extended(deadline, timeout_s, lambda one, _: one in absent)
-            if clock.now() > deadline:
+            if time.monotonic() > deadline:
                 left = [role for role in absent if role in self._left_s]
                 again = f" ({' and '.join(left)} appeared, but exited again)" if left else ""
-                again += self.compiling.words()
                 raise PeerLost(
                     f"{self.role} waited {timeout_s:g} s for {' and '.join(absent)} on bus "
                     f"'{self.name}': not there{again}",
@@ -210,12 +193,12 @@ class Liveliness:
         """Wait until a role has left, so that it has surely heard everything; whether it has. Of a
         role of the run, the process that takes part counts, whoever else says to be that role.
         Raises what `abort` was given."""
-        deadline = clock.now() + timeout_s
+        deadline = time.monotonic() + timeout_s
         one = self._watched.get(role)
         while there := bool(self.alive[role]) if one is None else one in self.alive[role]:
             if self._aborted:
                 raise self._aborted
-            if clock.now() > deadline:
+            if time.monotonic() > deadline:
                 break
             time.sleep(_LOOK_S)
         return not there
@@ -223,13 +206,13 @@ class Liveliness:
     def wait_until_heard(self, timeout_s: float, besides: Collection[str] = ()) -> None:
         """Wait until the final message of this role has reached all: each of the others has left,
         or has announced an end of its own, or is one that nobody waits for (`besides`)."""
-        deadline = clock.now() + timeout_s
+        deadline = time.monotonic() + timeout_s
 
         def listening() -> bool:
             known = {self.role, *besides, *tuple(self._ended)}
             return any(alive for role, alive in self.alive.items() if role not in known)
 
-        while listening() and clock.now() < deadline:
+        while listening() and time.monotonic() < deadline:
             time.sleep(_LOOK_S)
 
     def wait_for_completion(self, role: str, timeout_s: float) -> None:

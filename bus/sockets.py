@@ -15,7 +15,6 @@ from hertzloop.bus.streams import ROLES
 
 LOOPBACK = "127.0.0.1"
 _LAST = 65535
-RUN_KEY = "HERTZLOOP_RUN_KEY"  # variable with the secret of a run
 _KIND = "unixsock-stream/"
 _PREFIX = "hertzloop-bus-"
 _LONGEST = 107  # bytes of a path that Linux binds a socket to

@@ -16,8 +16,7 @@ import zenoh
 from hertzloop.bus import LEAVING
 from hertzloop.bus.liveliness import Liveliness
 from hertzloop.bus.port import BusError, PeerLost
-from hertzloop.bus.process_clock import clock
-from hertzloop.bus.streams import ROLES, STREAMS, SUBSCRIPTIONS, Envelope
+from hertzloop.bus.streams import STREAMS, SUBSCRIPTIONS, Envelope
 from hertzloop.bus.zenoh_config import session_config
 
 # Few runtime threads instead of several pools shorten the round trip. One would be fastest,
@@ -47,8 +46,8 @@ def _why(error: zenoh.ZError) -> str:
 class ZenohPort:
     """Port of one role. Raises BusError when an endpoint cannot be opened.
 
-    `patience_s` is how long a role of the run may leave messages untaken. `liveliness` tells
-    which roles are there, `compiling` tells them that this process compiles.
+    `timeout_s` is how long a subscriber may leave a message untaken. `liveliness` tells which roles
+    are there.
     """
 
     def __init__(
@@ -58,17 +57,16 @@ class ZenohPort:
         listen: Sequence[str],
         connect: Sequence[str] = (),
         config_file: Path | None = None,
-        patience_s: float = 5.0,
+        timeout_s: float = 5.0,
     ) -> None:
         os.environ.setdefault("ZENOH_RUNTIME", SMALL_RUNTIME)
         self.role, self.name, self.waited_s = role, name, 0.0
-        clock.start()
         self._first: Envelope | BaseException | None = None  # out of the inbox
         self._inbox: queue.SimpleQueue[Envelope | BaseException] = queue.SimpleQueue()
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._root = f"hertzloop/{name}"
         try:
-            config = session_config(role, ROLES, name, listen, connect, config_file, patience_s)
+            config = session_config(listen, connect, config_file, timeout_s)
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
             where = ", ".join(listen) or str(config_file)
@@ -90,7 +88,6 @@ class ZenohPort:
         self._sender = threading.Thread(target=self._send, name="sending", daemon=True)
         # Declared before any message can come, which it notes the end of a role from.
         self.liveliness = Liveliness(self._session, name, role, self._inbox.put)
-        self.compiling = self.liveliness.compiling.tell
         self._subscribers = [
             self._session.declare_subscriber(f"{self._root}/{stream}", self._handler(stream))
             for stream in SUBSCRIPTIONS[role]
@@ -113,8 +110,9 @@ class ZenohPort:
 
     def publish(self, envelope: Envelope) -> None:
         """Send, in the order of the calls; a large message in a thread of its own. Blocks while too
-        much waits to be sent. Raises PeerLost if a role of the run has gone, or did not take its
-        messages within the patience. A final message is sent to whoever is left."""
+        much waits to be sent. Raises PeerLost if a role of the run has gone, BusError if a
+        subscriber did not take its messages within the timeout. A final message is sent to whoever
+        is left."""
         size, final = len(envelope.payload), envelope.stream.startswith("end/")
         with self._sent:
             while self._waiting > (0 if final else _WAITING_BYTES) and self._not_sent is None:
@@ -148,9 +146,8 @@ class ZenohPort:
             attachment = (envelope.sequence or 0).to_bytes(8, "little")
         started = time.monotonic()
         self._publishers[envelope.stream].put(envelope.payload, attachment=attachment)
-        # The clock of the process costs more: it is asked only where it matters.
-        if time.monotonic() - started >= self._patience_s <= clock.since(started):
-            raise self.liveliness.not_taken(envelope.stream, self._patience_s)
+        if time.monotonic() - started >= self._timeout_s:
+            raise self.liveliness.not_taken(envelope.stream, self._timeout_s)
 
     def _check(self, doing: str) -> None:
         """Raise what went wrong with a message sent before, or PeerLost if a role has gone."""
@@ -160,7 +157,7 @@ class ZenohPort:
 
     def _check_all_sent(self) -> None:
         """Wait until all is sent, and raise what went wrong with that. Who does not take a message
-        is the cause of what the others miss, and is known last: at the end of the patience."""
+        is the cause of what the others miss, and is known last: at the end of the timeout."""
         with self._sent:
             while self._waiting:
                 self._sent.wait()
@@ -169,23 +166,22 @@ class ZenohPort:
 
     def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         """Next message; see Port. A role's departure is reported after what it sent."""
-        began, now, liveliness = time.monotonic(), clock.now(), self.liveliness
+        began = now = time.monotonic()
         deadline = now + timeout_s
         while True:
             wait_s = max(0.0, deadline - now)
             try:
                 item = self._first or self._inbox.get(
-                    timeout=min(wait_s, liveliness.look_again_s())
+                    timeout=min(wait_s, self.liveliness.look_again_s())
                 )
                 self._first = None
             except queue.Empty:
                 self._check(f"waiting for {awaited}")
-                deadline = liveliness.compiling.extended(deadline, timeout_s, liveliness.takes_part)
-                now = clock.now()
+                now = time.monotonic()
                 if now < deadline:
                     continue
                 self._check_all_sent()
-                raise liveliness.nothing_came(timeout_s, awaited, senders) from None
+                raise self.liveliness.nothing_came(timeout_s, awaited, senders) from None
             if isinstance(item, Envelope):
                 if item.stream.startswith("end/"):
                     self._check_all_sent()
@@ -194,7 +190,7 @@ class ZenohPort:
             if not isinstance(item, PeerLost):
                 raise item
             self._check(f"waiting for {awaited}")
-            now = clock.now()
+            now = time.monotonic()
 
     def abort(self, error: BaseException) -> None:
         """Make the next wait raise `error`; may be called from a signal handler."""

@@ -6,7 +6,6 @@ Before: python -m grpc_tools.protoc -I. --python_out=. messages.proto
 """
 
 import argparse
-import hashlib
 import json
 import math
 import queue
@@ -114,13 +113,11 @@ def main():
     options.add_argument("--name", default="hertzloop")
     options.add_argument("--listen", default="tcp/127.0.0.1:7451")
     options.add_argument("--connect", default="tcp/127.0.0.1:7450", help="the plant")
-    options.add_argument("--wait", type=float, default=30.0, help="s, for the others to begin")
+    options.add_argument("--wait", type=float, default=60.0, help="s, for the others to begin")
     options.add_argument("--timeout", type=float, default=5.0, help="s, for a message in the run")
     given = options.parse_args()
     config, root = zenoh.Config(), f"hertzloop/{given.name}"
-    own_id = hashlib.blake2b(f"{given.name}/controller/0".encode(), digest_size=15)
     for key, value in {
-        "id": own_id.hexdigest().lstrip("0"),  # the plant waits for a role, but not for strangers
         "listen/endpoints": [given.listen],
         "connect/endpoints": [given.connect],
         "scouting/multicast/enabled": False,

@@ -25,7 +25,7 @@
 #define SAMPLES (MESSAGE_BYTES / 4) /* in a block at most */
 #define FORCES (SAMPLES + 64)       /* of a block of answers, with those of the latency */
 #define HISTORY 1024                /* samples that the law looks back: a power of two */
-#define WAIT_S 30                   /* for the others to begin */
+#define WAIT_S 60                   /* for the others to begin */
 #define TIMEOUT_S 5                 /* for a message in the run */
 
 static void give_up(const char *format, ...) {
@@ -35,52 +35,6 @@ static void give_up(const char *format, ...) {
     va_end(given);
     fputc('\n', stderr);
     _Exit(1); /* the session's threads may wait for a peer */
-}
-
-/* --- Session id: BLAKE2b (RFC 7693) with 15 bytes of digest, of a text of less than 128 bytes --- */
-
-static uint64_t turned(uint64_t x, int by) { return x >> by | x << (64 - by); }
-
-static void blake2b_15(const char *text, uint8_t digest[15]) {
-    static const uint64_t start[8] = {
-        0x6a09e667f3bcc908, 0xbb67ae8584caa73b, 0x3c6ef372fe94f82b, 0xa54ff53a5f1d36f1,
-        0x510e527fade682d1, 0x9b05688c2b3e6c1f, 0x1f83d9abfb41bd6b, 0x5be0cd19137e2179};
-    static const uint8_t order[10][16] = {
-        {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15},
-        {14, 10, 4, 8, 9, 15, 13, 6, 1, 12, 0, 2, 11, 7, 5, 3},
-        {11, 8, 12, 0, 5, 2, 15, 13, 10, 14, 3, 6, 7, 1, 9, 4},
-        {7, 9, 3, 1, 13, 12, 11, 14, 2, 6, 5, 10, 4, 0, 15, 8},
-        {9, 0, 5, 7, 2, 4, 10, 15, 14, 1, 11, 12, 6, 8, 3, 13},
-        {2, 12, 6, 10, 0, 11, 8, 3, 4, 13, 7, 5, 15, 14, 1, 9},
-        {12, 5, 1, 15, 14, 13, 4, 10, 0, 7, 6, 3, 9, 2, 8, 11},
-        {13, 11, 7, 14, 12, 1, 3, 9, 5, 0, 15, 4, 8, 6, 2, 10},
-        {6, 15, 14, 9, 11, 3, 0, 8, 12, 2, 13, 7, 1, 4, 10, 5},
-        {10, 2, 8, 4, 7, 6, 1, 5, 15, 11, 9, 14, 3, 12, 13, 0}};
-    static const uint8_t quarters[8][4] = {{0, 4, 8, 12}, {1, 5, 9, 13},  {2, 6, 10, 14},
-                                           {3, 7, 11, 15}, {0, 5, 10, 15}, {1, 6, 11, 12},
-                                           {2, 7, 8, 13},  {3, 4, 9, 14}};
-    uint8_t block[128] = {0};
-    uint64_t m[16] = {0}, h[8], v[16];
-    size_t length = strlen(text);
-    if (length >= sizeof block) give_up("the name of the run is too long");
-    memcpy(block, text, length);
-    for (int i = 0; i < 128; i++) m[i / 8] |= (uint64_t)block[i] << 8 * (i % 8);
-    memcpy(h, start, sizeof h);
-    h[0] ^= 0x01010000 ^ 15;
-    memcpy(v, h, sizeof h);
-    memcpy(v + 8, start, sizeof start);
-    v[12] ^= length;
-    v[14] = ~v[14];
-    for (int round = 0; round < 12; round++)
-        for (int i = 0; i < 8; i++) {
-            const uint8_t *q = quarters[i], *s = order[round % 10];
-            uint64_t *a = v + q[0], *b = v + q[1], *c = v + q[2], *d = v + q[3];
-            *a += *b + m[s[2 * i]], *d = turned(*d ^ *a, 32), *c += *d, *b = turned(*b ^ *c, 24);
-            *a += *b + m[s[2 * i + 1]], *d = turned(*d ^ *a, 16), *c += *d;
-            *b = turned(*b ^ *c, 63);
-        }
-    for (int i = 0; i < 15; i++)
-        digest[i] = (uint8_t)((h[i / 8] ^ v[i / 8] ^ v[i / 8 + 8]) >> 8 * (i % 8));
 }
 
 /* --- What has come, in its order: the reading thread of zenoh-pico puts, the main thread takes --- */
@@ -371,25 +325,11 @@ static void secure(z_loaned_config_t *config, const char *path) {
 static z_owned_session_t session;
 
 static void open_session(char **given, int count_given) {
-    char text[256];
-    uint8_t digest[15];
-    /* zenoh-pico 1.9.0 reads a UUID as if its last dash were two digits earlier. It makes no
-     * difference where the digit before this dash's byte is 0, as in one of 16 ids. */
-    for (int i = 0; !i || digest[5] > 0x0f; i++) {
-        if (i == 256) give_up("no session id of this run can be used. Use another name.");
-        snprintf(text, sizeof text, "%s/controller/%d", given[1], i);
-        blake2b_15(text, digest);
-    }
-    for (int i = 0, at = 0; i < 16; i++) { /* the last byte first, then zero, as a UUID */
-        if (i == 4 || i == 6 || i == 8 || i == 10) text[at++] = '-';
-        at += snprintf(text + at, sizeof text - (size_t)at, "%02x", i < 15 ? digest[14 - i] : 0);
-    }
     for (int tries = 0;; tries++) { /* the plant may start later */
         z_owned_config_t config;
         z_config_default(&config);
         z_loaned_config_t *own = z_config_loan_mut(&config);
         zp_config_insert(own, Z_CONFIG_MODE_KEY, "peer");
-        zp_config_insert(own, Z_CONFIG_SESSION_ZID_KEY, text);
         zp_config_insert(own, Z_CONFIG_LISTEN_KEY, given[2]);
         zp_config_insert(own, Z_CONFIG_CONNECT_KEY, given[3]);
         if (count_given > 4) secure(own, given[4]);

@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import typer
 
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost
-from hertzloop.bus.process_clock import clock
 from hertzloop.bus.sockets import too_long
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
@@ -30,7 +29,7 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import parse
-from hertzloop.warmup import CASES
+from hertzloop.warmup import CASES, Work, anything_compiled
 
 # Endpoints of the protocols that zenoh has here.
 _ENDPOINT = re.compile(
@@ -76,6 +75,8 @@ def plant(
     setup = prepare.scene_from(scene, settings, seed, law_was_tried=machine)
     prepare.check_pace(setup, run_options)
     repeated = repeat_or_fail(read(repeat), setup) if repeat else None
+    if not machine:
+        prepare.compile_first(setup, works=[Work.EXCHANGE, *([Work.PACED] if pace else [])])
     with _on_bus(PLANT, asked) as (report, address):
         stats = roles.run_plant(
             setup,
@@ -115,6 +116,8 @@ def controller(
     """
     run_options = RunOptions(name=name, timeout_s=timeout_s, fast_lane=fast_lane, realtime=realtime)
     asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
+    if not anything_compiled():
+        prepare.announce_compilation("the controller: about 10 s")
     with _on_bus(CONTROLLER, asked) as (report, address):
         begin = lambda: _begin(report, CONTROLLER, asked)  # noqa: E731
         stats = roles.run_controller(address, run_options, begin, law)
@@ -218,8 +221,6 @@ def _reporting(role: str, machine: bool) -> Iterator[Report]:
     - `others`: whether another role caused it.
     - `lost`, `at_s`: the roles that were missing, and when that was noticed.
 
-    While the process runs, a thread reports `beat` regularly.
-
     Args:
         role: Role of this process.
         machine: Whether a launcher reads the reports.
@@ -233,7 +234,6 @@ def _reporting(role: str, machine: bool) -> Iterator[Report]:
 
     if machine:
         roles.end_with_the_launcher()
-        clock.on_beat = lambda: report(beat=True)
     try:
         yield report
     except KeyboardInterrupt as error:
@@ -251,8 +251,6 @@ def _reporting(role: str, machine: bool) -> Iterator[Report]:
         if not machine:
             fail(str(error), 1)
         raise typer.Exit(1) from None
-    finally:
-        clock.on_beat = lambda: None
 
 
 def _bus_address(role: str, asked: BusAddress) -> BusAddress:

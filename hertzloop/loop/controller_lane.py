@@ -1,12 +1,12 @@
 """The controller's end of the shared memory (lane) between plant and controller."""
 
 import math
+import time
 
 import numpy as np
 
 from hertzloop.bus import lane, lane_kernels
 from hertzloop.bus.lane_kernels import FORCES_PUT, SAMPLES_PUT, WAITED_NS
-from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import StreamFault
 from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
@@ -45,7 +45,7 @@ class ControllerLane:
         end.own[SAMPLES_PUT] = self._unpublished
         # Blocks from the bus that shared memory has not reached: sequence, first sample, values.
         self._expected: list[tuple[int, int, np.ndarray]] = []
-        self._last_sample_s = clock.now()
+        self._last_sample_s = time.monotonic()
 
     @property
     def samples(self) -> int:
@@ -90,7 +90,7 @@ class ControllerLane:
             raise StreamFault(f"sample {self.samples} is missing in the lane")
         if status == NO_NUMBER:
             raise StreamFault(f"sample {self.samples} in the lane is no finite number")
-        now = clock.now()
+        now = time.monotonic()
         if status != SILENT or self.samples != before:
             self._last_sample_s = now
         self.idle_s = now - self._last_sample_s

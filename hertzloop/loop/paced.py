@@ -13,7 +13,6 @@ import numpy as np
 from hertzloop.bus.lane import sleep_precisely
 from hertzloop.bus.messages_pb2 import Pacing
 from hertzloop.bus.port import PeerLost, Port, say_every_s
-from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop import pace_kernels
 from hertzloop.loop.kernels import REACHED, SAMPLES_END, SILENT
@@ -117,7 +116,8 @@ class PacedPlantNode(PlantNode):
         """Raise PeerLost if a sample has not been answered for too long."""
         first, end = self.buffer.samples, int(self.streams.window.counts[SAMPLES_END])
         ring = self._pace.taken_ns
-        if first < end and clock.since(ring[first % len(ring)] / 1e9) > self.timeout_s:
+        waited_ns = time.monotonic_ns() - ring[first % len(ring)]
+        if first < end and waited_ns > 1e9 * self.timeout_s:
             raise PeerLost(
                 f"plant waited {self.timeout_s:g} s for the force for step {self.buffer.end} from "
                 "the controller: nothing came",

@@ -1,10 +1,11 @@
 """The plant's end of the shared memory (lane) between plant and controller."""
 
+import time
+
 from hertzloop.bus.lane import Segment, leave, sleep_precisely
 from hertzloop.bus.lane_kernels import TAKEN
 from hertzloop.bus.messages_pb2 import Hello, LaneAnswer
 from hertzloop.bus.port import PeerLost
-from hertzloop.bus.process_clock import clock
 from hertzloop.bus.streams import StreamFault
 from hertzloop.loop.force_buffer import ForceBuffer
 from hertzloop.loop.kernels import (
@@ -80,7 +81,7 @@ class PlantLane:
         if status > SILENT:
             raise StreamFault(fault_in_lane(status, self._buffer))
         if status == SILENT:
-            samples, now = self._buffer.samples, clock.now()
+            samples, now = self._buffer.samples, time.monotonic()
             if samples != self._samples_at_last_change:
                 self._samples_at_last_change, self._last_change_s = samples, now
             if now - self._last_change_s > self._timeout_s:

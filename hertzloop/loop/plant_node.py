@@ -51,12 +51,14 @@ class ExchangeOptions:
     Attributes:
         horizon: Most steps between two exchanges. None: as many as the controller grants.
         timeout_s: Longest silence of the controller, s.
+        wait_s: The same before its first answer, for which it may compile its law, s.
         fast_lane: Whether shared memory is offered to a controller on this host.
         every_s: Least wall time between two blocks of a stream, s.
     """
 
     horizon: int | None = None
     timeout_s: float = 10.0
+    wait_s: float = 0.0
     fast_lane: bool = False
     every_s: float = 0.0
 
@@ -87,7 +89,7 @@ class PlantNode:
                 the recorded run.
         """
         self.setup, self.port, self.timeout_s = setup, port, exchange.timeout_s
-        self.horizon = exchange.horizon or math.inf
+        self.horizon, self._wait_s = exchange.horizon or math.inf, exchange.wait_s
         self.on_progress = on_progress
         publisher = Publisher(port, new_run_id())
         acted = repeat.held_steps if repeat else held_steps
@@ -232,7 +234,9 @@ class PlantNode:
         awaited = f"the force for step {self.buffer.end}"
         if self.buffer.end == self.setup.steps:
             awaited = "the end"
-        envelope = self.port.receive(self.timeout_s, f"{awaited} from the controller", [CONTROLLER])
+        # The controller may compile its law before it answers for the first time.
+        timeout_s = self.timeout_s if self.buffer.samples else max(self.timeout_s, self._wait_s)
+        envelope = self.port.receive(timeout_s, f"{awaited} from the controller", [CONTROLLER])
         block = self.checker.accept(envelope)
         if envelope.stream == "end/controller":
             self._receive_end(block.header)

@@ -1,6 +1,5 @@
 """A process of a run, as its launcher sees it."""
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from signal import Signals
@@ -25,7 +24,6 @@ class ChildProcess:
         lost: Roles that it has lost.
         at_s: When it noticed that it had lost them.
         done: Its result, once it has done its part.
-        heard_s: When it last showed that it runs, by the launcher's clock.
     """
 
     role: str
@@ -38,7 +36,6 @@ class ChildProcess:
     lost: list[str] = field(default_factory=list)
     at_s: float = 0.0
     done: dict[str, Any] = field(default_factory=dict)
-    heard_s: float = math.inf
 
     def own_reason(self) -> str:
         """Return why it failed, if for a reason of its own; "" if another role was the reason."""

@@ -1,15 +1,12 @@
 """Why a run of several processes has failed: which process is the cause."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable
 
-from hertzloop.bus.process_clock import ProcessClock
 from hertzloop.bus.streams import CONTROLLER, PLANT
 from hertzloop.processes.child_process import ChildProcess
 
 
-def failure_cause(
-    failed: list[ChildProcess], running: set[str], silent: Collection[str] = (), law: str = ""
-) -> str:
+def failure_cause(failed: list[ChildProcess], running: set[str], law: str = "") -> str:
     """Return the sentence that explains why a run failed.
 
     A role that failed for a reason of its own explains it: it was killed, or reports a fault. For
@@ -20,7 +17,6 @@ def failure_cause(
     Args:
         failed: Processes that have failed, in the order of their ends.
         running: Roles that still run.
-        silent: Roles that showed no sign of life when the first process failed.
         law: Name of the law, if it is not a shipped one. It may hang.
     """
     # The user's program exits with a code of its own after it was told of a fault.
@@ -32,7 +28,7 @@ def failure_cause(
             return next(faults, reason) if ended_by_it else reason
     missed = {role for child in failed for role in child.lost}
     lost = _most_precise(failed).fault
-    if hung := sorted(silent or running & missed):
+    if hung := sorted(running & missed):
         hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
         why = hangs if CONTROLLER in hung else ""
         return not_responding(hung, lost, why)
@@ -44,12 +40,6 @@ def not_responding(roles: Iterable[str], how: str, why: str = "") -> str:
     named = sorted(roles)
     verb = "does" if len(named) == 1 else "do"
     return f"{' and '.join(named)} {verb} not respond{why}; {how}"
-
-
-def silent_roles(running: Mapping[str, ChildProcess], for_s: float, ran: ProcessClock) -> set[str]:
-    """Return the roles that take part and have shown no sign of life for this long, by `ran`."""
-    now_s = ran.now()
-    return {role for role, one in running.items() if one.ready and now_s - one.heard_s > for_s}
 
 
 def _most_precise(failed: list[ChildProcess]) -> ChildProcess:

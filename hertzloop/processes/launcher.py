@@ -13,14 +13,12 @@ from pathlib import Path
 from signal import SIGKILL
 from typing import Any
 
-from hertzloop.bus.compiling import LONGEST_S
-from hertzloop.bus.process_clock import ProcessClock, clock
-from hertzloop.bus.sockets import RUN_KEY, mesh_endpoints, own_endpoints, own_folder
+from hertzloop.bus.sockets import mesh_endpoints, own_endpoints, own_folder
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.processes import fork_server
 from hertzloop.processes.child_process import ChildProcess
-from hertzloop.processes.failure_cause import failure_cause, not_responding, silent_roles
+from hertzloop.processes.failure_cause import failure_cause, not_responding
 from hertzloop.processes.program import filled_in
 from hertzloop.processes.signals import Interrupted, ending_signals
 from hertzloop.scene.controller import loaded_law
@@ -35,9 +33,7 @@ _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave 
 _PATIENCE_S = 5.0
 _REPORT_S = 1.0  # for reports of others to arrive, once a program has ended
 _LEAVE_S = 15.0  # for the others to do their part, once one has: all was recorded before
-# A process shows a few times a second that it runs. One that did not for this long when another
-# failed is the cause; one that did not for so many times the longest wait of the others has hung.
-_SILENT_S, _HUNG = 1.5, 1.5
+_LOOK_S = 0.2
 _SCENE = "scene.toml"
 
 
@@ -76,8 +72,7 @@ class Launcher:
         self._reports: queue.SimpleQueue[tuple[ChildProcess, dict[str, Any]] | None] = (
             queue.SimpleQueue()
         )
-        # Session ids that a program of the user's can know follow from the run's name alone.
-        self._signals, self._key = 0, "" if options.controller else secrets.token_hex(16)
+        self._signals = 0
         self._setup, self._options = setup, options
         self._in_use = ExitStack()
         self.children: list[ChildProcess] = []
@@ -91,9 +86,7 @@ class Launcher:
             del self._commands[CONTROLLER]
             wait_s = min(wait_s, _CONNECTS_S)
         self._wait_s, timeout_s = wait_s, options.timeout_s
-        # A role that waits, compiles or runs times out or reports before.
-        self._silence_s = wait_s + timeout_s + LONGEST_S
-        self._hung_s = max(2 * _SILENT_S, _HUNG * timeout_s)
+        self._silence_s = wait_s + 2 * timeout_s  # a role that waits or runs reports before
 
     def _words(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
         listen, connect = mesh_endpoints(role, endpoints)
@@ -109,7 +102,7 @@ class Launcher:
         stderr = folder / f"{role}.stderr"
         # A role has its own session: Ctrl-C comes to the launcher, which ends the roles in order.
         # Nothing is written to its standard input, which ends with the launcher, however that ends.
-        process = fork_server.start(arguments, stderr, {RUN_KEY: self._key}, bool(program))
+        process = fork_server.start(arguments, stderr, {}, bool(program))
         child = ChildProcess(role, process, stderr, program)
         self.children.append(child)
         threading.Thread(target=self._listen, args=(child,), daemon=True).start()
@@ -156,20 +149,19 @@ class Launcher:
         """
         running = {child.role: child for child in self.children}
         failed: list[ChildProcess] = []  # in the order of their ends
-        silent: set[str] = set()  # when the first of them failed
-        deadline, heard_s = math.inf, clock.now()
-        ran = ProcessClock()  # read at reports only: it stands still while all processes do
+        deadline, looks = math.inf, 0  # in vain; none is made while this process is stopped
         left, left_s = None, math.inf  # a program that ended without an error, and when
-        while running and clock.now() < deadline:
-            reported = clock.now() - left_s > _REPORT_S and self._reports.empty()
+        while running and time.monotonic() < deadline:
+            reported = time.monotonic() - left_s > _REPORT_S and self._reports.empty()
             if left and reported and not any(c.ready for c in self.children):
                 left.fault = f"{left.named} ended before the run began"
                 failed.append(left)
                 break
             try:
-                item = self._reports.get(timeout=0.2)
+                item = self._reports.get(timeout=_LOOK_S)
             except queue.Empty:
-                if clock.now() - heard_s > self._silence_s:
+                looks += 1
+                if deadline == math.inf and looks * _LOOK_S > self._silence_s:
                     how = f"the launcher has received nothing for {self._silence_s:g} s"
                     raise RunFailed(not_responding(running, how)) from None
                 continue
@@ -180,26 +172,18 @@ class Launcher:
                 folder, name, endpoints = self._place
                 words = filled_in(self._program, name, endpoints)
                 running[CONTROLLER] = self._start(CONTROLLER, words, folder, self._program)
-            child.heard_s = ran.now()
-            if not failed and (hung := silent_roles(running, self._hung_s, ran)):
-                how = f"no sign of life for {self._hung_s:g} s (stopped, or no processor time)"
-                raise RunFailed(not_responding(hung, how))
-            if "beat" in report:
-                continue
-            heard_s = clock.now()
+            looks = 0
             if "step" in report:
                 on_progress(report["step"])
             for name in ("ready", "fault", "others", "lost", "at_s", "done"):
                 setattr(child, name, report.get(name, getattr(child, name)))
-            if child.fault and not failed:
-                silent |= silent_roles(running, _SILENT_S, ran)
             if child.program and "exited" in report and not child.process.returncode:
                 child.done = {"left": True}
-                left, left_s = child, clock.now()
+                left, left_s = child, time.monotonic()
             if child.done:  # whatever becomes of the process now
                 running.pop(child.role, None)
                 own = running.keys() - {CONTROLLER} or not self._program
-                deadline = min(deadline, clock.now() + (_LEAVE_S if own else _PATIENCE_S))
+                deadline = min(deadline, time.monotonic() + (_LEAVE_S if own else _PATIENCE_S))
             elif "exited" in report:
                 del running[child.role]
                 failed.append(child)
@@ -207,11 +191,11 @@ class Launcher:
                 # Who still waits for the others to appear would wait for nothing.
                 known = any(c.own_reason() for c in failed)
                 in_vain = known and not any(c.ready for c in running.values())
-                deadline = min(deadline, clock.now() + (0.0 if in_vain else _GRACE_S))
+                deadline = min(deadline, time.monotonic() + (0.0 if in_vain else _GRACE_S))
         if failed:
             own = not self._setup.law_is_shipped and not self._program
             law = loaded_law(self._setup).name if own else ""
-            raise RunFailed(failure_cause(failed, set(running), silent, law))
+            raise RunFailed(failure_cause(failed, set(running), law))
         return self._statistics(running)
 
     def _statistics(self, running: dict[str, ChildProcess]) -> dict[str, Any]:
@@ -250,10 +234,10 @@ class Launcher:
             chosen = [c for c in self.children if c.role in roles and c.process.poll() is None]
             for child in chosen:
                 end(child.process)
-            deadline = clock.now() + _PATIENCE_S
+            deadline = time.monotonic() + _PATIENCE_S
             while chosen and any(c.process.poll() is None for c in self.children):
                 hurry = self._signals > 1 and end is not Role.kill
-                if hurry or clock.now() > deadline:
+                if hurry or time.monotonic() > deadline:
                     break
                 time.sleep(0.01)
         for child in self.children:

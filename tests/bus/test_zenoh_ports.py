@@ -1,6 +1,5 @@
 """Ports between processes: who is there, and what a zenoh port opens."""
 
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -278,40 +277,6 @@ class TestEndpoints:
         with pytest.raises(BusError, match=said) as caught:
             ZenohPort(PLANT, "filed", [], config_file=file)
         assert "KEY1" not in str(caught.value)
-
-
-class TestCompiling:
-    """A role that compiles says so, and is waited for."""
-
-    def test_a_wait_lasts_until_after_a_compilation(self, zenoh):
-        plant, controller = zenoh[PLANT], zenoh[CONTROLLER]
-        controller.compiling(True)
-        wait_for(lambda: plant.liveliness.compiling._seen)
-        with ThreadPoolExecutor(1) as other:
-            waiting = other.submit(plant.receive, ABSENCE_S, "forces from the controller")
-            time.sleep(3 * ABSENCE_S)
-            assert not waiting.done()
-            controller.compiling(False)
-            with pytest.raises(PeerLost, match=r"plant waited 0\.2 s for forces .* nothing came$"):
-                waiting.result(PATIENCE_S)
-
-    def test_one_that_never_ends_is_named(self, zenoh, monkeypatch):
-        monkeypatch.setattr("hertzloop.bus.compiling.LONGEST_S", ABSENCE_S)
-        zenoh[CONTROLLER].compiling(True)
-        said = r"nothing came; the controller has been compiling one kernel for more than 0\.2 s"
-        with pytest.raises(PeerLost, match=said):
-            zenoh[PLANT].receive(2 * ABSENCE_S, "forces from the controller")
-
-    def test_a_stranger_that_says_so_holds_nobody_up(self, zenoh):
-        forged = (
-            zenoh[RECORDER]
-            ._session.liveliness()
-            .declare_token("hertzloop/contract/compiling/controller/forged")
-        )
-        wait_for(lambda: zenoh[PLANT].liveliness.compiling._seen)
-        with pytest.raises(PeerLost, match="nothing came"):
-            zenoh[PLANT].receive(ABSENCE_S, "forces from the controller")
-        forged.undeclare()
 
 
 def test_a_forged_token_does_not_keep_a_finished_run(zenoh):

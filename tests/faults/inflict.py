@@ -99,7 +99,7 @@ def wrong_words(fault: Fault, code: int, said: str) -> str:
             f"{fault.victim} does not respond",
             f"from {fault.victim}:",
             f"from the {fault.victim}:",
-            f"{fault.victim} accepted no message",
+            f"{fault.victim} or an observer accepted no message",
             f"{fault.victim} left the run",
         ],
         "terminate": [f"{fault.victim} was interrupted", f"killed by {name}"],

@@ -93,9 +93,9 @@ def test_who_gave_up_is_not_to_blame_for_leaving():
     blocked = ended("plant", "the recorder took nothing", "recorder")
     awake = ended("recorder", "the controller left", "controller")
     assert failure_cause([waits, blocked, awake], set()) == blocked.fault
-    # The same, but the plant says nothing, since it still waits, and the recorder does not run.
-    named = failure_cause([waits], {"plant", "recorder"}, {"recorder"})
-    assert named == f"recorder does not respond; {waits.fault}"
+    # The same, but the plant says nothing.
+    named = failure_cause([waits], {"plant", "recorder"})
+    assert named == f"plant does not respond; {waits.fault}"
     # The same, but who wakes up late ends first.
     blocked = ended("plant", "the recorder took nothing", "recorder", at_s=2.0)
     awake = ended("recorder", "the plant left", "plant", at_s=2.5)

@@ -76,7 +76,7 @@ from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.scene.setup import load
 from hertzloop.scene.controller import build_controller
-from hertzloop.common.jit.progress import report_compiling
+from hertzloop.common.jit.progress import report_functions
 
 # An infinite plate of which the full model is too large to be timed: little to compile.
 scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3.0]",
@@ -84,7 +84,7 @@ scene = load("aluminium-3mm", ["run.plate_model=infinite", "plate.size_m=[3.0, 3
 told = []
 def noticed(run):
     def noticed_run(scene, folder):
-        with report_compiling(told.append):
+        with report_functions(told.append):
             run(scene, folder)
     return noticed_run
 warmup._RUN = {work: noticed(run) for work, run in warmup._RUN.items()}
@@ -92,7 +92,7 @@ ensure_compiled(scene)
 print(told)  # all is compiled at once
 build_controller(scene)  # its law
 told = []
-with report_compiling(told.append):
+with report_functions(told.append):
     for transport in (Transport.COMPILED, Transport.INPROCESS):
         run_and_assess(scene, Path(sys.argv[1]) / f"{transport}.mcap", RunOptions(transport))
 print(told)
