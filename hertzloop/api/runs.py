@@ -5,15 +5,15 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hertzloop.api.parameters import with_parameter_names
+from hertzloop.api.parameters import with_parameter_names, with_run_options
 from hertzloop.api.scenes import AnyScene, resolved
 from hertzloop.bus.sockets import own_folder
 from hertzloop.common.optional_dependencies import need
-from hertzloop.loop.run_options import OptionError, RunOptions, Transport
+from hertzloop.loop.run_options import OptionError, RunOptions
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
@@ -35,9 +35,6 @@ if TYPE_CHECKING:
     from hertzloop.results.repeatability import NotRepeatable
     from hertzloop.results.span_metrics import RunMetrics
     from hertzloop.results.verdict import Assessment
-
-TransportName = Literal["zenoh", "inprocess", "compiled"]
-
 
 _LINES = 6  # of a run that is printed
 
@@ -222,30 +219,20 @@ def simulate(scene: AnyScene) -> Run:
     return _run_from(setup, truth, _Streams(setup, columns, found.values), balance, compute_result)
 
 
+@with_run_options
 @with_parameter_names
 def run(
     scene: AnyScene,
     recording: str | Path | None = None,
     *,
-    transport: TransportName = "zenoh",
-    overwrite: bool = False,
-    horizon: int | None = None,
-    pace: float | None = None,
-    note: str = "",
     on_progress: Callable[[int], None] = lambda step: None,
+    **options: Any,
 ) -> Run:
     """Run a scene, by default as processes over zenoh, and record it.
 
     Args:
         scene: the scene, or its name or TOML file.
         recording: MCAP file to write; without one, the run is kept in memory only.
-        transport: "zenoh" (processes), "inprocess" or "compiled"; all give the same bytes.
-        overwrite: whether an existing file may be replaced.
-        horizon: largest number of steps that the plant may run ahead; None for the default. It
-            changes the speed and no sample.
-        pace: simulated time over wall time, 1 for real time: the plant follows the wall clock
-            and waits for no force. None for lock-step.
-        note: text for the recording, one line of at most 500 characters.
         on_progress: called with the number of finished steps.
 
     Returns:
@@ -253,9 +240,8 @@ def run(
 
     Raises:
         SceneError: the scene cannot be run, or not at this `pace`.
-        OptionError: `transport` is unknown; `horizon` is less than 1; `note` is too long, or not
-            one line of visible characters; `recording` has another ending, its folder does not
-            exist, or it exists and may not be replaced; or two arguments exclude each other.
+        OptionError: an option has an impossible value; `recording` has another ending, its folder
+            does not exist, or it exists and may not be replaced; or two options exclude each other.
         RunFailed: a process failed.
         BusError: a process is missing or was lost.
         StreamFault: a message was lost, repeated or malformed.
@@ -263,24 +249,22 @@ def run(
     """
     from hertzloop.processes.record import record
 
-    options = RunOptions(
-        Transport(transport), overwrite=overwrite, horizon=horizon, pace=pace, note=note
-    )
+    asked = RunOptions(**options)
     if recording is not None:
-        _check_recording(Path(recording), overwrite)
+        _check_recording(Path(recording), asked.overwrite)
     setup = resolved(scene)
-    if pace is not None:
+    if asked.pace is not None:
         from hertzloop.loop.paced import check_pace
         from hertzloop.warmup import RUN, Work, ensure_compiled
 
-        check_pace(setup, pace, options.timeout_s)
+        check_pace(setup, asked.pace, asked.timeout_s)
         ensure_compiled(setup, works=[*RUN, Work.PACED])  # a process that compiles answers nobody
     if recording is not None:
-        record(setup, Path(recording), options, on_progress)
+        record(setup, Path(recording), asked, on_progress)
         return read(recording)
     with own_folder() as folder:
         path = Path(folder) / "run.mcap"
-        record(setup, path, options, on_progress)
+        record(setup, path, asked, on_progress)
         return replace(read(path), path=None)
 
 

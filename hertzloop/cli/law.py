@@ -2,7 +2,6 @@
 
 import inspect
 import shlex
-from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,8 @@ import typer
 from hertzloop.bus.port import BusError
 from hertzloop.bus.sockets import own_folder
 from hertzloop.bus.streams import StreamFault
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import outputs, prepare
+from hertzloop.cli.options import FileArgument, JsonOption, SetOption, run_options
 from hertzloop.cli.terminal import err, fail, out, say_problems
 from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.loop.run_options import RunOptions
@@ -112,13 +112,13 @@ def _next_command(file: Path, with_check: bool) -> str:
 
 
 def replay(
-    file: options.FileArgument,
+    file: FileArgument,
     law: Annotated[str, typer.Option(help="Feed the recorded samples to this law.")],
     settings: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change a key of the law, for example controller.kappa=0.5."),
     ] = None,
-    json_file: options.JsonOption = None,
+    json_file: JsonOption = None,
 ) -> None:
     """Feed a recording's samples to another law and say where the forces differ.
 
@@ -166,14 +166,13 @@ def _difference(found: "ForceComparison", name: str) -> str:
     )
 
 
+@run_options("name", "timeout_s", "controller")
 def controller_test(
-    name: options.NameOption = None,
-    timeout_s: options.TimeoutOption = RunOptions.timeout_s,
-    controller: options.ControllerOption = None,
+    options: RunOptions,
     law: Annotated[
         str | None, typer.Option(help="Require the forces of this law, byte for byte.")
     ] = None,
-    settings: options.SetOption = None,
+    settings: SetOption = None,
     port: Annotated[
         int | None,
         typer.Option(
@@ -188,12 +187,11 @@ def controller_test(
 
     The plant names the first thing that the program does wrong.
     """
+    controller = options.controller
     if controller is None:
         fail("--controller: missing. Give the command line of your program.")
     check_command(controller)
-    run_options = RunOptions(
-        name=name_on_bus(controller, name), timeout_s=timeout_s, controller=controller
-    )
+    name = name_on_bus(controller, options.name)
     cases = cases_of(law, settings or [])
     prepare.compile_first(*(case.setup for case in cases), works=[Work.EXCHANGE])
     fork_server.prepare()  # before anything starts a thread
@@ -201,7 +199,7 @@ def controller_test(
     for case in cases:
         try:
             with meeting_endpoints(controller, port) as endpoints, own_folder() as folder:
-                met = replace(run_options, endpoints=endpoints)
+                met = options.model_copy(update={"endpoints": endpoints, "name": name})
                 recordings.append(run_case(case, met, Path(folder)))
             if law:
                 compare_with_law(recordings[-1], case.setup)

@@ -15,13 +15,20 @@ from hertzloop.bus.port import BusError, EndedByOther, PeerLost
 from hertzloop.bus.sockets import too_long
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import outputs, prepare
+from hertzloop.cli.options import (
+    SceneArgument,
+    SeedOption,
+    SetOption,
+    bus_address,
+    run_options_of,
+)
 from hertzloop.cli.recordings import repeat_or_fail
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.readable import quantity
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import roles
-from hertzloop.processes.program import BASE_PORT, BUS_NAME, LARGEST_PORT
+from hertzloop.processes.program import BASE_PORT, LARGEST_PORT
 from hertzloop.processes.roles import BusAddress, default_endpoints
 from hertzloop.processes.signals import INTERRUPTED
 from hertzloop.recordings.reader import read
@@ -41,53 +48,36 @@ _PORT = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]+)(?:[?#]|$)
 Report = Callable[..., None]  # takes the parts of a report by name
 
 
+@run_options_of(PLANT)
+@bus_address
 def plant(
-    horizon: options.HorizonOption = None,
-    name: options.NameOption = BUS_NAME,
-    timeout_s: options.TimeoutOption = RunOptions.timeout_s,
-    fast_lane: options.FastLaneOption = True,
-    realtime: options.RealtimeOption = "auto",
-    pace: options.PaceOption = None,
-    repeat: options.RepeatOption = None,
-    listen: options.ListenOption = None,
-    connect: options.ConnectOption = None,
-    zenoh_config: options.ZenohConfigOption = None,
-    wait_s: options.WaitOption = BusAddress.wait_s,
-    machine: options.MachineOption = False,
-    scene: options.SceneArgument = DEFAULT,
-    settings: options.SetOption = None,
-    seed: options.SeedOption = None,
+    options: RunOptions,
+    asked: BusAddress,
+    scene: SceneArgument = DEFAULT,
+    settings: SetOption = None,
+    seed: SeedOption = None,
 ) -> None:
     """Run the plant as a separate process.
 
     It waits for controller and recorder, then runs the scene.
     """
-    run_options = RunOptions(
-        horizon=horizon,
-        name=name,
-        timeout_s=timeout_s,
-        fast_lane=fast_lane,
-        realtime=realtime,
-        pace=pace,
-        repeat=repeat,
-    )
-    asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
-    setup = prepare.scene_from(scene, settings, seed, law_was_tried=machine)
-    prepare.check_pace(setup, run_options)
-    repeated = repeat_or_fail(read(repeat), setup) if repeat else None
-    if not machine:
-        prepare.compile_first(setup, works=[Work.EXCHANGE, *([Work.PACED] if pace else [])])
+    setup = prepare.scene_from(scene, settings, seed, law_was_tried=asked.watched)
+    prepare.check_pace(setup, options)
+    repeated = repeat_or_fail(read(options.repeat), setup) if options.repeat else None
+    if not asked.watched:
+        paced = [Work.PACED] if options.pace else []
+        prepare.compile_first(setup, works=[Work.EXCHANGE, *paced])
     with _on_bus(PLANT, asked) as (report, address):
         stats = roles.run_plant(
             setup,
             replace(address, on_open=lambda: report(open=True)),
-            run_options,
+            options,
             lambda: _begin(report, PLANT, asked, f"{setup.name}, {_duration(setup.duration_s)}"),
             _progress_reporter(report),
             repeated,
         )
         report(done=stats)
-        if not machine:
+        if not asked.watched:
             _print_profile(stats)
             out.say(
                 f"Complete: {setup.steps:,} steps in {stats['wall_s']:z.3f} s. The recorder has "
@@ -95,16 +85,11 @@ def plant(
             )
 
 
+@run_options_of(CONTROLLER)
+@bus_address
 def controller(
-    name: options.NameOption = BUS_NAME,
-    timeout_s: options.TimeoutOption = RunOptions.timeout_s,
-    fast_lane: options.FastLaneOption = True,
-    realtime: options.RealtimeOption = "auto",
-    listen: options.ListenOption = None,
-    connect: options.ConnectOption = None,
-    zenoh_config: options.ZenohConfigOption = None,
-    wait_s: options.WaitOption = BusAddress.wait_s,
-    machine: options.MachineOption = False,
+    options: RunOptions,
+    asked: BusAddress,
     law: Annotated[
         str | None,
         typer.Option(help="Load the law from this file; default: controller.law of the scene."),
@@ -114,30 +99,22 @@ def controller(
 
     It takes the scene from the plant, then answers the plant's samples.
     """
-    run_options = RunOptions(name=name, timeout_s=timeout_s, fast_lane=fast_lane, realtime=realtime)
-    asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
     if not anything_compiled():
         prepare.announce_compilation("the controller: about 10 s")
     with _on_bus(CONTROLLER, asked) as (report, address):
         begin = lambda: _begin(report, CONTROLLER, asked)  # noqa: E731
-        stats = roles.run_controller(address, run_options, begin, law)
+        stats = roles.run_controller(address, options, begin, law)
         report(done=stats)
-        if not machine:
+        if not asked.watched:
             _print_profile(stats)
             out.say("Complete: the plant has ended the run. The recorder has the recording.")
 
 
+@run_options_of(RECORDER)
+@bus_address
 def recorder(
-    overwrite: options.OverwriteOption = False,
-    note: options.NoteOption = "",
-    name: options.NameOption = BUS_NAME,
-    timeout_s: options.TimeoutOption = RunOptions.timeout_s,
-    realtime: options.RealtimeOption = "auto",
-    listen: options.ListenOption = None,
-    connect: options.ConnectOption = None,
-    zenoh_config: options.ZenohConfigOption = None,
-    wait_s: options.WaitOption = BusAddress.wait_s,
-    machine: options.MachineOption = False,
+    options: RunOptions,
+    asked: BusAddress,
     out_file: Annotated[Path, typer.Option("--out", "-o", help="Recording to write.")] = Path(
         "run.mcap"
     ),
@@ -146,16 +123,12 @@ def recorder(
 
     It writes every stream of a run into one MCAP file.
     """
-    run_options = RunOptions(
-        overwrite=overwrite, name=name, timeout_s=timeout_s, realtime=realtime, note=note
-    )
-    asked = BusAddress(listen or (), connect or (), zenoh_config, wait_s, machine)
-    outputs.check_recording(out_file, overwrite)
+    outputs.check_recording(out_file, options.overwrite)
     with _on_bus(RECORDER, asked) as (report, address):
         begin = lambda: _begin(report, RECORDER, asked)  # noqa: E731
-        stats = roles.run_recorder(out_file, address, run_options, begin)
+        stats = roles.run_recorder(out_file, address, options, begin)
         report(done=stats)
-    if not machine:
+    if not asked.watched:
         _print_recorded(out_file)
 
 

@@ -1,9 +1,16 @@
 """Options that several commands have, declared once for their signatures."""
 
+from collections.abc import Callable
+from functools import wraps
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
+
+from hertzloop.loop.run_options import USES, RunOptions, flag_of
+from hertzloop.processes.program import BUS_NAME
+from hertzloop.processes.roles import BusAddress
 
 # A scene, and what is simulated of it.
 SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
@@ -30,89 +37,103 @@ JsonOption = Annotated[
 DetailsOption = Annotated[
     bool, typer.Option("--details", help="Print all tables, metrics and warnings.")
 ]
-
-# How a run is done, as a whole or by one of its processes.
 EXPERT = "Expert options"  # heading of those that few runs need
-HorizonOption = Annotated[
-    int | None,
-    typer.Option(
-        min=1,
-        help="Exchange data after at most this many steps; default: as the law allows.",
-        rich_help_panel=EXPERT,
-    ),
-]
-NameOption = Annotated[
-    str | None, typer.Option(help="Set the name of the run on the bus.", rich_help_panel=EXPERT)
-]
-TimeoutOption = Annotated[
-    float,
-    typer.Option(
-        "--timeout",
-        min=0.1,
-        max=1_000_000,
-        help="Stop waiting for a message of another process after this time, s.",
-        rich_help_panel=EXPERT,
-    ),
-]
-FastLaneOption = Annotated[
-    bool,
-    typer.Option(
-        "--fast-lane/--no-fast-lane",
-        help="Exchange data between plant and controller on one host in shared memory.",
-        rich_help_panel=EXPERT,
-    ),
-]
-RealtimeOption = Annotated[
-    Literal["auto", "on", "off"],
-    typer.Option(
-        help="Use real-time scheduling; auto: where it is permitted and a core is idle.",
-        rich_help_panel=EXPERT,
-    ),
-]
-PaceOption = Annotated[
-    float | None,
-    typer.Option(
-        min=1e-9,
-        max=1000,
-        help="Follow the wall clock at this ratio of simulated to wall time, without waiting for "
-        "forces; default: lock-step.",
-    ),
-]
-RepeatOption = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="F.mcap",
-        help="Repeat a recorded run in lock-step with the recorded forces and delays.",
-    ),
-]
-ControllerOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="'CMD ...'",
-        help="Start this command line as the controller; {name}, {listen} and {connect} in it are "
-        "filled in.",
-        rich_help_panel=EXPERT,
-    ),
-]
 
-NoteOption = Annotated[
-    str, typer.Option(metavar="TEXT", help="Write this note, one line, into the recording.")
-]
-
-# Where one process of a run meets the others.
-ListenOption = Annotated[list[str] | None, typer.Option(help="Listen on this endpoint.")]
+# Where one process of a run meets the others: the fields of a BusAddress.
 ConnectOption = Annotated[list[str] | None, typer.Option(help="Connect to this endpoint.")]
-ZenohConfigOption = Annotated[
-    Path | None,
-    typer.Option(exists=True, help="Read the zenoh configuration from this JSON5 file."),
-]
-WaitOption = Annotated[
-    float,
-    typer.Option(
-        "--wait",
-        min=0.1,
-        max=1_000_000,
-        help="Stop waiting for other processes to appear after this time, s.",
-    ),
-]
 MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]  # given by a launcher
+_OF_ADDRESS = {
+    "listen": Annotated[list[str] | None, typer.Option(help="Listen on this endpoint.")],
+    "connect": ConnectOption,
+    "zenoh_config": Annotated[
+        Path | None,
+        typer.Option(exists=True, help="Read the zenoh configuration from this JSON5 file."),
+    ],
+    "wait_s": Annotated[
+        float,
+        typer.Option(
+            "--wait",
+            min=0.1,
+            max=1_000_000,
+            help="Stop waiting for other processes to appear after this time, s.",
+        ),
+    ],
+    "watched": MachineOption,
+}
+
+Command = Callable[..., None]
+
+
+def run_options(*names: str, **defaults: Any) -> Callable[[Command], Command]:
+    """Give a command options of a run, which it gets as one argument `options: RunOptions`.
+
+    Args:
+        names: Fields of `RunOptions`.
+        defaults: Defaults of these that the command alone has.
+    """
+    return _given("options", RunOptions, {name: _typer_option(name) for name in names}, defaults)
+
+
+def run_options_of(role: str) -> Callable[[Command], Command]:
+    """Give the command of a role its options of a run; see `run_options`."""
+    names = [name for name, use in USES.items() if role in use.roles]
+    return run_options(*names, realtime="auto", name=BUS_NAME)
+
+
+def bus_address(command: Command) -> Command:
+    """Give a command the options of a bus address, which it gets as `asked: BusAddress`."""
+    return _given("asked", BusAddress, _OF_ADDRESS, {})(command)
+
+
+def _typer_option(name: str) -> Any:
+    """Return the annotation from which typer makes an option of a run."""
+    field, use = RunOptions.model_fields[name], USES[name]
+    kind: Any = field.annotation
+    bounds: dict[str, Any] = {}
+    for one in field.metadata:
+        bounds |= {"min": one.ge} if hasattr(one, "ge") else {}
+        bounds |= {"max": one.le} if hasattr(one, "le") else {}
+    option = typer.Option(
+        flag_of(name),
+        help=field.description,
+        metavar=use.metavar,
+        rich_help_panel=EXPERT if use.expert else None,
+        **bounds,
+    )
+    return Annotated[kind, option]
+
+
+def _given(
+    argument: str, kind: Any, options: dict[str, Any], defaults: dict[str, Any]
+) -> Callable[[Command], Command]:
+    """Return a decorator that puts options in the place of one argument of a command.
+
+    Args:
+        argument: The argument, whose value is made of those options that have one.
+        kind: Class of that value.
+        options: Annotations of the options, by the names of fields of `kind`.
+        defaults: Defaults that differ from those of the fields.
+    """
+    usual = vars(kind()) | defaults
+
+    def decorated(command: Command) -> Command:
+        @wraps(command)
+        def called(**values: Any) -> None:
+            found = {name: values.pop(name) for name in options}
+            given = {name: value for name, value in found.items() if value is not None}
+            command(**values, **{argument: kind(**given)})
+
+        own = dict(signature(command).parameters)
+        del own[argument]
+        for name, annotation in options.items():
+            default = None if usual[name] == () else usual[name]  # typer makes lists of None
+            own[name] = Parameter(
+                name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+            )
+        parameters = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in own.values()]
+        changed: Any = called
+        changed.__signature__ = signature(command).replace(parameters=parameters)
+        changed.__annotations__ = {name: one.annotation for name, one in own.items()}
+        return called
+
+    return decorated

@@ -12,11 +12,12 @@ import zenoh
 from hertzloop.bus.codec import MessageError
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.sockets import reserved_ports
-from hertzloop.cli import options, outputs
+from hertzloop.cli import outputs
 from hertzloop.cli.node import check_endpoints
+from hertzloop.cli.options import ConnectOption, MachineOption, OverwriteOption, run_options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.atomic_files import atomic_write
-from hertzloop.loop.run_options import check_name
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.observer import truth_blocks
 from hertzloop.processes.program import BASE_PORT, BUS_NAME
 from hertzloop.processes.signals import INTERRUPTED, deferred
@@ -25,14 +26,15 @@ if TYPE_CHECKING:
     import rerun as rr
 
 
+@run_options("name", name=BUS_NAME)
 def watch(
-    name: options.NameOption = BUS_NAME,
-    connect: options.ConnectOption = None,
-    machine: options.MachineOption = False,
+    options: RunOptions,
+    connect: ConnectOption = None,
+    machine: MachineOption = False,
     save: Annotated[
         Path | None, typer.Option(metavar="F.rrd", help="Write an .rrd file instead.")
     ] = None,
-    overwrite: options.OverwriteOption = False,
+    overwrite: OverwriteOption = False,
 ) -> None:
     """Show a run in progress without delaying it.
 
@@ -42,8 +44,7 @@ def watch(
 
     from hertzloop.recordings.replay import live, viewer
 
-    bus_name = BUS_NAME if name is None else name
-    check_name(bus_name)
+    bus_name = options.name or BUS_NAME
     check_endpoints("--connect", connect or ())
     if save is not None:
         if save.suffix != ".rrd":

@@ -1,13 +1,15 @@
-"""How to run a scene."""
+"""How to run a scene: each option once, for the command line, for Python and for the roles."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.common.sanitize import visible
+from hertzloop.scene.errors import sentence
 
 LONGEST_NOTE = 500  # characters
 
@@ -53,10 +55,6 @@ class Transport(StrEnum):
     INPROCESS = "inprocess"
     COMPILED = "compiled"
 
-    @classmethod
-    def _missing_(cls, value: object) -> "Transport":
-        raise OptionError(f"transport = {value!r}: is unknown. Use one of {', '.join(cls)}.")
-
 
 def check_transport(option: str, transport: Transport) -> None:
     """Raise OptionError if an option that needs the processes of a run is given without them."""
@@ -66,50 +64,134 @@ def check_transport(option: str, transport: Transport) -> None:
         )
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """How to run a scene. Except for `pace`, nothing here changes a sample.
+class Use(NamedTuple):
+    """Where an option of a run is used, beside its value and its meaning.
 
     Attributes:
-        transport: How the parts of the run communicate.
-        overwrite: Whether the recording replaces an existing file.
-        horizon: Largest number of steps between two exchanges; None: as many as the law allows.
-        endpoints: Endpoints of plant, controller and recorder; None: private ones.
-        name: Name of the run on the bus; None: a new one.
-        timeout_s: Longest wait for a message of another process, s.
-        verify: Whether the closed loop is repeated with half the step and twice the modes.
-        fast_lane: Whether plant and controller on one host exchange data in shared memory.
-        realtime: Use of real-time scheduling; auto: where it is permitted and a core is idle.
-        pace: Ratio of simulated to wall time to follow without waiting for forces; None: lock-step.
-        repeat: Recording whose forces and delays are repeated in lock-step.
-        controller: Command line of a program that plays the controller; None: hertzloop's own.
-        note: Text of the user for the recording, one line of at most LONGEST_NOTE characters.
-
-    Raises:
-        OptionError: The name cannot be part of a key on the bus, the note cannot be recorded, the
-            horizon is less than a step, or two options exclude each other.
+        roles: Roles whose command `hertzloop node ROLE` has it.
+        python: Whether it is a keyword of `hertzloop.run`.
+        flag: Its spelling on the command line, if that is not its name.
+        metavar: What stands for its value in the help.
+        expert: Whether few runs need it.
     """
 
-    transport: Transport = Transport.ZENOH
-    overwrite: bool = False
-    horizon: int | None = None
-    endpoints: Sequence[str] | None = None
-    name: str | None = None
-    timeout_s: float = 5.0
-    verify: bool = False
-    fast_lane: bool = True
-    realtime: Literal["auto", "on", "off"] = "off"
-    pace: float | None = None
-    repeat: Path | None = None
-    controller: str | None = None
-    note: str = ""
+    roles: tuple[str, ...] = ()
+    python: bool = False
+    flag: str = ""
+    metavar: str | None = None
+    expert: bool = False
 
-    def __post_init__(self) -> None:
+
+class RunOptions(BaseModel):
+    """How to run a scene. Except for `pace`, nothing here changes a sample.
+
+    The options of `hertzloop run` and `hertzloop node`, the keywords of `hertzloop.run` and what
+    the launcher passes on to a role are made of these fields.
+
+    Raises:
+        OptionError: A value is out of its range, the name cannot be part of a key on the bus, the
+            note cannot be recorded, or two options exclude each other.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    transport: Annotated[
+        Transport,
+        Field(
+            description="Choose how the parts of the run communicate: over zenoh as processes, or "
+            "within one process. All give the same bytes."
+        ),
+        Use(python=True),
+    ] = Transport.ZENOH
+    overwrite: Annotated[
+        bool,
+        Field(description="Replace an existing file."),
+        Use((RECORDER,), python=True, flag="--overwrite"),
+    ] = False
+    horizon: Annotated[
+        int | None,
+        Field(
+            ge=1,
+            description="Exchange data after at most this many steps; default: as the law allows.",
+        ),
+        Use((PLANT,), python=True, expert=True),
+    ] = None
+    endpoints: list[str] | None = None  # of plant, controller and recorder; None: private ones
+    name: Annotated[
+        str | None,
+        Field(description="Set the name of the run on the bus."),
+        Use(ROLES, expert=True),
+    ] = None
+    timeout_s: Annotated[
+        float,
+        Field(
+            ge=0.1,
+            le=1_000_000,
+            description="Stop waiting for a message of another process after this time, s.",
+        ),
+        Use(ROLES, flag="--timeout", expert=True),
+    ] = 5.0
+    verify: Annotated[
+        bool,
+        Field(description="Repeat the closed loop with half the step and twice the modes."),
+        Use(flag="--verify"),
+    ] = False
+    fast_lane: Annotated[
+        bool,
+        Field(
+            description="Exchange data between plant and controller on one host in shared memory."
+        ),
+        Use((PLANT, CONTROLLER), flag="--fast-lane/--no-fast-lane", expert=True),
+    ] = True
+    realtime: Annotated[
+        Literal["auto", "on", "off"],
+        Field(
+            description="Use real-time scheduling; auto: where it is permitted and a core is idle."
+        ),
+        Use(ROLES, expert=True),
+    ] = "off"
+    pace: Annotated[
+        float | None,
+        Field(
+            ge=1e-9,
+            le=1000,
+            description="Follow the wall clock at this ratio of simulated to wall time, without "
+            "waiting for forces; default: lock-step.",
+        ),
+        Use((PLANT,), python=True),
+    ] = None
+    repeat: Annotated[
+        Path | None,
+        Field(
+            description="Repeat a recorded run in lock-step with the recorded forces and delays."
+        ),
+        Use((PLANT,), metavar="F.mcap"),
+    ] = None
+    controller: Annotated[
+        str | None,
+        Field(
+            description="Start this command line as the controller; {name}, {listen} and {connect} "
+            "in it are filled in."
+        ),
+        Use(metavar="'CMD ...'", expert=True),
+    ] = None
+    note: Annotated[
+        str,
+        Field(description="Write this note, one line, into the recording."),
+        Use((RECORDER,), python=True, metavar="TEXT"),
+    ] = ""
+
+    def __init__(self, **given: Any) -> None:
+        try:
+            super().__init__(**given)
+        except ValidationError as error:
+            raise OptionError(sentence(error, RunOptions)) from None
+
+    @model_validator(mode="after")
+    def _can_be_combined(self) -> "RunOptions":
         if self.name is not None:
             check_name(self.name)
         check_note(self.note)
-        if self.horizon is not None and self.horizon < 1:
-            raise OptionError(f"horizon = {self.horizon}: must be a step or more. Use at least 1.")
         for option in ("pace", "repeat", "controller"):
             if getattr(self, option):
                 check_transport(f"{option} = {getattr(self, option)}", self.transport)
@@ -119,6 +201,33 @@ class RunOptions:
                     f"{option} = {getattr(self, option)}: cannot be combined with pace = "
                     f"{self.pace:g}, which does not wait for forces. Remove one of the two."
                 )
+        return self
+
+    def words(self, role: str) -> list[str]:
+        """Return the words that pass these options on to `hertzloop node ROLE`."""
+        found = []
+        for name, use in USES.items():
+            value, flag = getattr(self, name), flag_of(name)
+            if role not in use.roles or value is None:
+                continue
+            if not isinstance(value, bool):
+                found.append(f"{flag}={value}")
+            elif value or "/" in flag:
+                found.append(flag.split("/")[0 if value else 1])
+        return found
+
+
+USES = {
+    name: use
+    for name, field in RunOptions.model_fields.items()
+    for use in field.metadata
+    if isinstance(use, Use)
+}
+
+
+def flag_of(option: str) -> str:
+    """Return the spelling of an option on the command line."""
+    return USES[option].flag or f"--{option.replace('_', '-')}"
 
 
 USUAL_RUN = RunOptions()

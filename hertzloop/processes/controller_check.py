@@ -70,7 +70,9 @@ def run_case(case: Case, options: RunOptions, folder: Path) -> Recording:
     Raises as `record`, with one sentence on what the program does wrong.
     """
     path = folder / "run.mcap"
-    record(case.setup, path, replace(options, horizon=case.horizon, overwrite=True))
+    record(
+        case.setup, path, options.model_copy(update={"horizon": case.horizon, "overwrite": True})
+    )
     return read(path)
 
 

@@ -43,22 +43,6 @@ class RunFailed(RuntimeError):
     exit_status = 1
 
 
-def role_options(role: str, name: str, options: RunOptions) -> list[str]:
-    """Return the options of `hertzloop node ROLE` that pass on the name and the kind of a run."""
-    words = ["--name", name, "--timeout", str(options.timeout_s), "--realtime", options.realtime]
-    if role == RECORDER:
-        words += ["--overwrite"] if options.overwrite else []
-        return [*words, f"--note={options.note}"] if options.note else words
-    if not options.fast_lane:
-        words.append("--no-fast-lane")
-    if role == PLANT:
-        given = {"horizon": options.horizon, "pace": options.pace, "repeat": options.repeat}
-        for option, value in given.items():
-            if value is not None:
-                words += [f"--{option}", str(value)]
-    return words
-
-
 class Launcher:
     """Runs a scene as three processes. Use as a context manager: leaving it ends them all."""
 
@@ -90,7 +74,7 @@ class Launcher:
 
     def _words(self, role: str, name: str, endpoints: Sequence[str]) -> list[str]:
         listen, connect = mesh_endpoints(role, endpoints)
-        words = role_options(role, name, self._options)
+        words = self._options.model_copy(update={"name": name}).words(role)
         for option, chosen in (("--listen", listen), ("--connect", connect)):
             words += [word for endpoint in chosen for word in (option, endpoint)]
         return [*words, "--wait", str(self._wait_s), "--machine"]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.loop.in_process import record_in_process
-from hertzloop.loop.run_options import RunOptions, Transport
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
@@ -27,7 +27,7 @@ def recorded(scene: Setup, file: Path, compiled: bool = True) -> Recording:
 
 def run_recorded(scene: Setup, file: Path, transport: str = "compiled") -> Recording:
     """The whole recording of a run over a transport, as `hertzloop run` makes it."""
-    run_and_assess(scene, file, RunOptions(Transport(transport), overwrite=True))
+    run_and_assess(scene, file, RunOptions(transport=transport, overwrite=True))
     found = read(file)
     assert not found.problems
     return found

@@ -94,7 +94,8 @@ build_controller(scene)  # its law
 told = []
 with report_functions(told.append):
     for transport in (Transport.COMPILED, Transport.INPROCESS):
-        run_and_assess(scene, Path(sys.argv[1]) / f"{transport}.mcap", RunOptions(transport))
+        path = Path(sys.argv[1]) / f"{transport}.mcap"
+        run_and_assess(scene, path, RunOptions(transport=transport))
 print(told)
 """
 

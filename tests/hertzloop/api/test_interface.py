@@ -166,10 +166,10 @@ def test_mistakes_end_in_one_sentence(scene, call, sentence):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"transport": "bus"}, "transport = 'bus': is unknown. Use one of zenoh, inprocess"),
+        ({"transport": "bus"}, "transport = 'bus': must be 'zenoh', 'inprocess' or 'compiled'"),
         ({"recording": "a.txt"}, "recording = 'a.txt': must end in .mcap. Change the name"),
         ({"recording": "none/a.mcap"}, "the folder none does not exist. Create it"),
-        ({"horizon": 0}, "horizon = 0: must be a step or more"),
+        ({"horizon": 0}, "horizon = 0: must be at least 1"),
     ],
 )
 def test_an_impossible_option_has_its_own_error(scene, options, sentence):

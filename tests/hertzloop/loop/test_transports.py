@@ -151,7 +151,9 @@ def record(
 ) -> Recording:
     """A run as `hertzloop run` does it."""
     report = run_as_json(
-        run_and_assess(scene, path, RunOptions(transport, horizon=horizon, fast_lane=lane))
+        run_and_assess(
+            scene, path, RunOptions(transport=transport, horizon=horizon, fast_lane=lane)
+        )
     )
     assert report["steps"] == scene.steps
     assert report["lane"] == "JOINED" * (lane and transport == Transport.ZENOH)

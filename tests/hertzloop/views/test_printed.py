@@ -45,7 +45,7 @@ def ran(tmp_path_factory):
         "actuator.bandwidth_hz=50e3",
     ]
     path = tmp_path_factory.mktemp("printed") / "a.mcap"
-    return run_and_assess(aluminium_3mm(*settings), path, RunOptions(Transport.COMPILED))
+    return run_and_assess(aluminium_3mm(*settings), path, RunOptions(transport=Transport.COMPILED))
 
 
 @pytest.fixture(scope="module")
