@@ -96,10 +96,10 @@ def measure(cpus: tuple[str, ...], rounds: int) -> list[Exported]:
             def of_loop() -> float:
                 started = time.thread_time()
                 simulate(setup)
-                return 1e6 * (time.thread_time() - started) / setup.steps
+                return 1e6 * (time.thread_time() - started) / setup.run.steps
 
             def of_program(program: Path = program) -> float:
-                return 1e6 * drive(program, loop.forces).cpu_s / setup.steps
+                return 1e6 * drive(program, loop.forces).cpu_s / setup.run.steps
 
             costs = in_turn({"compiled loop": of_loop, "C program": of_program}, rounds)
             driven = drive(program, loop.forces)

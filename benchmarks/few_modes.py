@@ -97,8 +97,8 @@ class FewModes:
 
 def _first(setup: Setup) -> np.ndarray:
     found = impacts_in(setup.plant, simulate(setup).truth)[0]
-    scale = setup.sphere.impact_speed_m_s
-    energy = 0.5 * setup.sphere.mass_kg * scale**2
+    scale = setup.mechanics.sphere.impact_speed_m_s
+    energy = 0.5 * setup.mechanics.sphere.mass_kg * scale**2
     return np.array(
         [
             found.peak_force_n,
@@ -128,7 +128,7 @@ def few_modes(
     ]
     whole = load("aluminium-3mm", [*of.striker, *point])
     known, true = modes_of_scene(whole), _first(whole)
-    contact_s = rigid_impact(whole.sphere, whole.mechanics.contact).contact_s
+    contact_s = rigid_impact(whole.mechanics.sphere, whole.mechanics.contact).contact_s
     loss = np.broadcast_to(known.loss_factor, known.omega_rad_s.shape)
     shape, omega, per_mass = known.shape_contact, known.omega_rad_s, known.per_modal_mass_1_kg
     if isinstance(counts, float):

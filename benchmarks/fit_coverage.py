@@ -94,7 +94,7 @@ def run(problem: Problem, seed: int, exact: bool = False) -> tuple[FitResult, di
     spoilt = drawn_gain_and_clock(problem.spoilt, generator)
     phase = None
     if problem.under_law:
-        phase = float(generator.uniform()) * setup.every_steps
+        phase = float(generator.uniform()) * setup.sensor.every_steps
     table = known_gain_and_clock(Measurement(low_pass_hz=problem.low_pass_hz))
     quantities = [problem.quantity, *filter(None, [problem.second])]
     records = by_one_clock(

@@ -100,7 +100,7 @@ def _truth(setup: Setup, quantity: str, kind: str) -> ObservedSignal:
         accuracy = 1e-4 if kind in ("3-D", "other edges") else 1e-5
         return truth(setup, quantity, lasts_s, chain, accuracy)
     simulator = ImpactSimulator(setup, lasts_s, 1e-5, step_ns=125)
-    plate = setup.structure.local_plate
+    plate = setup.mechanics.structure.local_plate
     assert plate is not None
     extra = WithExtraMode(plate.material, plate.size_m, plate.thickness_m, plate.loss_factor)
     spec = replace(simulator.spec, plate=extra)

@@ -54,16 +54,16 @@ def restitution_on_infinite_plate(inelasticity: float) -> float:
 
     def lam(h: float) -> float:
         s = setup.vary({"plate.thickness_m": h})
-        mass, v = s.sphere.mass_kg, s.sphere.impact_speed_m_s
-        t = (mass / (s.contact.stiffness * math.sqrt(v))) ** 0.4
+        mass, v = s.mechanics.sphere.mass_kg, s.mechanics.sphere.impact_speed_m_s
+        t = (mass / (s.mechanics.contact.stiffness * math.sqrt(v))) ** 0.4
         return mass / (s.mechanics.local_plate.infinite_plate_impedance_n_s_m * t)
 
     h = float(scipy.optimize.brentq(lambda h: lam(h) - inelasticity, 1e-4, 0.05, xtol=1e-14))
     one = setup.vary({"plate.thickness_m": h, "run.duration_s": 4e-4})
-    rows = ts.series_under(build_plant(one), np.zeros(one.steps))
+    rows = ts.series_under(build_plant(one), np.zeros(one.run.steps))
     ended = int(np.flatnonzero(rows[ts.F_C] > 0.0)[-1]) + 2
-    speed = (rows[ts.XI_S, ended + 1] - rows[ts.XI_S, ended]) / one.step_s
-    return float(speed) / one.sphere.impact_speed_m_s
+    speed = (rows[ts.XI_S, ended + 1] - rows[ts.XI_S, ended]) / one.run.step_s
+    return float(speed) / one.mechanics.sphere.impact_speed_m_s
 
 
 @dataclass(frozen=True)

@@ -92,10 +92,10 @@ def outcome(law: str, accuracy: float, random: np.random.Generator) -> Outcome |
     """The next random scene; None if its first impact does not end in time."""
     keys = random_scene(random, law)
     setup = first_impact_of(keys, accuracy)
-    found = errors_of(setup, _LINES / setup.step_s)
+    found = errors_of(setup, _LINES / setup.run.step_s)
     if found is None:
         return None
-    by_modes = simulated_law_accuracy(setup, setup.duration_s)
+    by_modes = simulated_law_accuracy(setup, setup.run.duration_s)
     return Outcome(
         law=law,
         asked=accuracy,

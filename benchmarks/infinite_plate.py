@@ -94,10 +94,11 @@ def outcome(number: int, setup: Setup, request: float) -> Outcome:
     lasts_s = setup.infinite_plate.lasts_s()
     about = (
         number,
-        setup.law_reference + (" with drop-outs" if setup.line.drop_out_probability else ""),
+        setup.scene.controller.law
+        + (" with drop-outs" if setup.signal_path.drop_out_probability else ""),
         request,
     )
-    steps = int((setup.first_touch_s + lasts_s) / setup.step_s)
+    steps = int((setup.first_touch_s + lasts_s) / setup.run.step_s)
     if lasts_s == 0.0:
         return Outcome(*about, math.nan, 0.0, math.nan, math.nan, math.nan)
     setup = setup.with_steps(steps).with_plate_model("infinite")
@@ -136,7 +137,7 @@ def run(scenes: int, seed: int) -> list[Outcome]:
 
     def next_ones(number: int, random: np.random.Generator) -> list[Outcome]:
         setup = random_scene(random)
-        if setup.plant.plate.modes_below(1.0 / setup.step_s) > _MOST_MODES:
+        if setup.plant.plate.modes_below(1.0 / setup.run.step_s) > _MOST_MODES:
             return []
         return [outcome(number, setup, request) for request in REQUESTS]
 

@@ -115,7 +115,7 @@ def latencies_of(scene: Setup, count: int) -> list[int]:
     """Whole latencies from 0 to twice the contact time on a rigid plate, or 1.2 times that on the
     scene's, but less than half the run; us."""
     most = max(2.0 * rigid_time_us(scene), 1.2 * _contact_us(scene))
-    most = min(most, 0.45e6 * (scene.duration_s - scene.lead_in_s))
+    most = min(most, 0.45e6 * (scene.run.duration_s - scene.run.lead_in_s))
     step = max(1, math.ceil(most / count))
     return [i * step for i in range(count + 1)]
 
@@ -384,9 +384,9 @@ def main(
     if scene is not None or settings:
         source = scene or DEFAULT
         resolved = scene_from(source, settings, None)
-        scenes = (Named(resolved.name, source, tuple(settings or ()), "impact"),)
-        if resolved.law_reference not in (*LAWS, "off", *(laws or [])):
-            laws = [resolved.law_reference, *(laws or [])]
+        scenes = (Named(resolved.scene.name, source, tuple(settings or ()), "impact"),)
+        if resolved.scene.controller.law not in (*LAWS, "off", *(laws or [])):
+            laws = [resolved.scene.controller.law, *(laws or [])]
     try:
         for law in laws or []:
             check_law((scenes[0].scene()).vary({"controller.law": law}))

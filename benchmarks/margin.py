@@ -202,11 +202,11 @@ def fastest_per_s(setup: Setup) -> float:
     loops = loops_of(setup)
     if isinstance(loops, NotLinearError):
         raise loops
-    loop, delay = loops.at(setup.line.latency_steps)
+    loop, delay = loops.at(setup.signal_path.latency_steps)
     poles = closed_loop_poles(loop.plant, loop.law, delay)
     if poles is None:
         return math.nan
-    return math.log(float(np.abs(poles).max())) / (setup.every_steps * setup.step_s)
+    return math.log(float(np.abs(poles).max())) / (setup.sensor.every_steps * setup.run.step_s)
 
 
 def growth_of_rows(rows: np.ndarray, step_s: float) -> float:
@@ -226,20 +226,20 @@ def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
     Fifty small random forces excite the plate before the loop is closed. The run lasts for 60
     e-folds of the expected growth, so that the fastest pole dominates, or to the end of the flight.
     """
-    steps = int((setup.lead_in_s - 1e-4) / setup.step_s)
+    steps = int((setup.run.lead_in_s - 1e-4) / setup.run.step_s)
     if expected_per_s:
-        steps = min(steps, int(_E_FOLDS / (abs(expected_per_s) * setup.step_s)))
+        steps = min(steps, int(_E_FOLDS / (abs(expected_per_s) * setup.run.step_s)))
     steps = max(steps, 300)
     setup = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
     setup = setup.with_plate_model("modal").with_steps(steps)
     plant = build_plant(setup)
-    size_n = min(math.exp(-expected_per_s * steps * setup.step_s), 1e-3)
+    size_n = min(math.exp(-expected_per_s * steps * setup.run.step_s), 1e-3)
     ts.series_under(plant, size_n * np.random.default_rng(5).standard_normal(50))
     plant.state.counts[STEP] = 0
     rows = simulate(setup, own_plant=plant).truth
     if rows[ts.F_C].any():
         raise ValueError("the sphere touched the plate within the flight")
-    return growth_of_rows(rows, setup.step_s)
+    return growth_of_rows(rows, setup.run.step_s)
 
 
 def compared(kind: str, case: str, setup: Setup) -> Check:
@@ -252,7 +252,7 @@ def compared(kind: str, case: str, setup: Setup) -> Check:
         found = simulated_growth_per_s(flight, predicted)
     except (ValueError, SceneError) as error:
         return Check(kind, case, predicted, math.nan, None, str(error))
-    folds = abs(predicted) * flight.lead_in_s
+    folds = abs(predicted) * flight.run.lead_in_s
     if folds < _SHOWS and not abs(found - predicted) <= _CLOSE * abs(predicted):
         why = f"only {folds:.2g} e-folds fit into the flight"
         return Check(kind, case, predicted, found, None, why)
@@ -279,7 +279,7 @@ def critical_latencies(seed: int, wanted: int) -> Iterator[Check]:
             continue
         found += 1
         for latency in (limit, limit + 1):
-            late = setup.vary({"controller.latency_us": latency * 1e6 * setup.step_s})
+            late = setup.vary({"controller.latency_us": latency * 1e6 * setup.run.step_s})
             yield compared("critical latency", f"{case}, here latency {latency} steps", late)
 
 
@@ -289,7 +289,7 @@ def beside_the_contact(seed: int, wanted: int) -> Iterator[Check]:
     rng, found = np.random.default_rng(seed), 0
 
     def checked(setup: Setup, case: str, steps: int, per_s: float) -> Check:
-        late = setup.vary({"controller.latency_us": steps * 1e6 * setup.step_s})
+        late = setup.vary({"controller.latency_us": steps * 1e6 * setup.run.step_s})
         grows = simulated_growth_per_s(late, per_s)
         # Right at the limit modes beat.
         agrees = grows > 0.5 * per_s if per_s else grows < _BEATS_PER_S
@@ -313,7 +313,9 @@ def beside_the_contact(seed: int, wanted: int) -> Iterator[Check]:
         yield checked(setup, " ".join(case), limit, 0.0)
         for away in range(9):
             steps = limit + 1 + (1 << away >> 1)
-            growth = growth_of(setup.vary({"controller.latency_us": steps * 1e6 * setup.step_s}))
+            growth = growth_of(
+                setup.vary({"controller.latency_us": steps * 1e6 * setup.run.step_s})
+            )
             if growth is None or growth.per_s is None or growth.per_s < 4.0:
                 continue
             found += 1
@@ -343,7 +345,7 @@ def with_impacts(seed: int, wanted: int) -> Iterator[Check]:
             continue
         accumulator = StabilityAccumulator(run)
         accumulator.feed(0, rows)
-        per_s = growth_of_rows(rows, run.step_s)
+        per_s = growth_of_rows(rows, run.run.step_s)
         agrees = bool(accumulator.result().unstable)
         yield Check(
             "impacts", case, predicted, per_s, agrees, "" if agrees else "not called unstable"

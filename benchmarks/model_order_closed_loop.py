@@ -111,7 +111,9 @@ def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
     for more in ({}, law):
         tightest = base.vary(more | {"run.accuracy": REQUESTS[-1]})
         best = replace(
-            finer_spec(tightest), step_s=base.step_s / _PARTS, frequency_limit_hz=2.0 / base.step_s
+            finer_spec(tightest),
+            step_s=base.run.step_s / _PARTS,
+            frequency_limit_hz=2.0 / base.run.step_s,
         )
         for request in REQUESTS:
             setup = tightest.vary({"run.accuracy": request})
@@ -129,25 +131,25 @@ def _verified(setup: Setup, best: PlantSpec) -> Verification | None:
     """Against `best`; None where the first impact does not end in time."""
     spec = setup.plant
     m, s, v = spec.sphere.mass_kg, spec.contact.stiffness, spec.sphere.impact_speed_m_s
-    steps = round((_LEAD_S + 8.0 * rigid_contact_time_s(m, s, v) + 2e-4) / setup.step_s)
-    short = setup.with_steps(min(steps, setup.steps))
+    steps = round((_LEAD_S + 8.0 * rigid_contact_time_s(m, s, v) + 2e-4) / setup.run.step_s)
+    short = setup.with_steps(min(steps, setup.run.steps))
     return against(short, simulate(short).truth, best)
 
 
 def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verification) -> Outcome:
     spec = setup.plant
     yields, expected = spec.contact.limit is not None, model_error.expected_error(setup)
-    under_law = simulated_law_accuracy(setup, setup.duration_s)
+    under_law = simulated_law_accuracy(setup, setup.run.duration_s)
     return Outcome(
         scene=number,
         contact="yields" if yields else f"e {setup.scene.contact.restitution:g}",
-        law=setup.law_reference,
-        request=setup.accuracy,
+        law=setup.scene.controller.law,
+        request=setup.run.accuracy,
         gap=found.penetration,
         rebound=found.rebound_speed,
         energy=found.plate_energy,
         expected=expected,
-        beyond=expected > 1.001 * setup.accuracy,
+        beyond=expected > 1.001 * setup.run.accuracy,
         by_modes=under_law.by_modes.largest if under_law else math.nan,
         law_tells=under_law is not None and not under_law.kept,
         keys=as_options(keys),

@@ -110,9 +110,9 @@ def random_keys(random: np.random.Generator) -> dict[str, Any]:
 
 def steps_of(setup: Setup) -> int:
     """So many steps that an impact is over on most plates."""
-    sphere, contact = setup.sphere, setup.plant.contact
+    sphere, contact = setup.mechanics.sphere, setup.plant.contact
     lasts_s = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
-    return math.ceil(_LASTS * lasts_s / setup.step_s)
+    return math.ceil(_LASTS * lasts_s / setup.run.step_s)
 
 
 def impact_of(spec: PlantSpec, push: float) -> Impact:
@@ -182,7 +182,9 @@ def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
     errors = errors_of(spec, float(random.uniform(-0.2, 0.2)) * peak, steps)
     if errors is None:
         return []
-    balance = simulate(setup.with_steps(steps + round(setup.first_touch_s / setup.step_s))).balance
+    balance = simulate(
+        setup.with_steps(steps + round(setup.first_touch_s / setup.run.step_s))
+    ).balance
     contact = keys.get("contact.damping", keys.get("contact.plasticity", "none"))
     slow = " and slow" if "actuator.bandwidth_hz" in keys else ""
     return [
@@ -222,7 +224,7 @@ def shipped_residuals() -> list[tuple[str, float, float, int, int]]:
     found = []
     for name in shipped():
         setup = scenes.load(name)
-        if setup.scheme == "modal":
+        if setup.run.scheme == "modal":
             b = simulate(setup).balance
             residuals = abs(b.energy_residual), abs(b.momentum_residual)
             found.append((name, *residuals, b.contact_steps, b.newton_fallbacks))

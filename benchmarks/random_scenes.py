@@ -56,13 +56,13 @@ def first_impact_of(keys: dict[str, Any], accuracy: float) -> Setup:
     """A changed `aluminium-3mm` by its modes, which lasts as long as its first impact."""
     run = {"run.lead_in_s": LEAD_S, "run.plate_model": "modal", "run.accuracy": accuracy}
     setup = load("aluminium-3mm").vary(keys | run)
-    lasts_s = rigid_impact(setup.sphere, setup.mechanics.contact).contact_s
-    return setup.with_steps(round((LEAD_S + 5.0 * lasts_s + 4e-5) / setup.step_s))
+    lasts_s = rigid_impact(setup.mechanics.sphere, setup.mechanics.contact).contact_s
+    return setup.with_steps(round((LEAD_S + 5.0 * lasts_s + 4e-5) / setup.run.step_s))
 
 
 def errors_of(setup: Setup, limit_hz: float) -> Verification | None:
     """Errors of the first impact against modes up to `limit_hz` and half the step; None if it does
     not end in time."""
-    fine = replace(setup.plant, step_s=setup.step_s / 2, frequency_limit_hz=limit_hz)
+    fine = replace(setup.plant, step_s=setup.run.step_s / 2, frequency_limit_hz=limit_hz)
     with np.errstate(over="ignore", invalid="ignore"):
         return against(setup, simulate(setup).truth, fine)

@@ -77,7 +77,7 @@ def plant_of(named: Named, plant: str) -> Setup:
     scene = named.scene()
     if plant == "ideal":
         return scene
-    left_out = _NOT_WITH_A_DAMPER if scene.contact.has_damper else ()
+    left_out = _NOT_WITH_A_DAMPER if scene.mechanics.contact.has_damper else ()
     return scene.vary({key: value for key, value in REAL.items() if key not in left_out})
 
 

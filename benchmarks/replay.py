@@ -37,7 +37,7 @@ def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
         times = [_convert(file, rrd) for _ in tracked("to an .rrd file", range(rounds))]
         megabytes = 1e-6 * rrd.stat().st_size
     wall_s, cpu_s = (statistics.median(column) for column in zip(*times, strict=True))
-    return ReplayCost(setup.steps, wall_s, cpu_s, megabytes)
+    return ReplayCost(setup.run.steps, wall_s, cpu_s, megabytes)
 
 
 def _convert(file: Path, rrd: Path) -> tuple[float, float]:

@@ -31,7 +31,7 @@ def case_of(scene: str, yields: bool, points: int) -> tuple[Setup, Plant]:
     if yields:
         keys += ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9"]
     setup = load(scene, keys)
-    setup = setup.with_steps(min(setup.steps, _MOST_STEPS))
+    setup = setup.with_steps(min(setup.run.steps, _MOST_STEPS))
     return setup, build_plant(setup)
 
 
@@ -42,11 +42,11 @@ def step_us(scene: str, yields: bool, points: int, force_n: float | None) -> flo
     if force_n is None:
         IN_LOOP.running, IN_LOOP.seconds = True, 0.0
         simulate(setup, own_plant=plant)
-        return 1e6 * IN_LOOP.seconds / setup.steps
-    forces, truth = np.full(setup.steps, force_n), np.ones((COLUMNS, setup.steps))
+        return 1e6 * IN_LOOP.seconds / setup.run.steps
+    forces, truth = np.full(setup.run.steps, force_n), np.ones((COLUMNS, setup.run.steps))
     started = time.thread_time()
     plant_alone(plant.model, plant.state, forces, truth)
-    return 1e6 * (time.thread_time() - started) / setup.steps
+    return 1e6 * (time.thread_time() - started) / setup.run.steps
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from hertzloop.plant.estimates.plate_theory import kirchhoff_error, zener_impact
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
+from hertzloop.scene.materials import material_name
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.pages import pictures
 
@@ -161,11 +162,14 @@ def run(setup: Setup, results: Results, count: int = 61) -> Sizes:
             for j, r in enumerate(radii)
         ),
     )
-    ball, sheet = setup.sphere.material, setup.structure.material
+    ball, sheet = setup.mechanics.sphere.material, setup.mechanics.structure.material
+    bodies = " on ".join(
+        material_name(table.material) or "own" for table in (setup.scene.sphere, setup.scene.plate)
+    )
     about = (
-        f"{setup.sphere_material or 'own'} on {setup.plate_material or 'own'} "
+        f"{bodies} "
         f"({sheet.youngs_modulus_pa * 1e-9:.3g} GPa), dropped from "
-        f"{1e3 * setup.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:z.0f} kg/m3"
+        f"{1e3 * setup.mechanics.sphere.drop_height_m:.3g} mm; {ball.density_kg_m3:z.0f} kg/m3"
     )
     draw_map(results.path("validity.png"), about, radii, thicknesses, sizes)
     return sizes
@@ -226,9 +230,9 @@ def _mark_scenes(ax: Any) -> None:
     """Shipped scenes of these materials, by their names."""
     for name in _SCENES:
         setup = load(name)
-        plate = setup.structure.local_plate
+        plate = setup.mechanics.structure.local_plate
         assert plate is not None  # each is a plate
-        radius, thickness = 1e3 * setup.sphere.radius_m, 1e3 * plate.thickness_m
+        radius, thickness = 1e3 * setup.mechanics.sphere.radius_m, 1e3 * plate.thickness_m
         ax.plot(radius, thickness, "k*", markersize=11, zorder=7)
         side = "right" if radius > _LATE_MM else "center"
         ax.annotate(

@@ -145,8 +145,8 @@ def _moment_of(setup: "Setup") -> "Setup":
     # How long a run lasts may decide about the model of its plate.
     setup = setup.without_control().with_plate_model(setup.plate_model)
     setup = parse(to_toml(setup.scene))  # without what other laws have to be told
-    steps = round((setup.first_touch_s + _PAST_TOUCH_S) / setup.step_s)
-    return setup.with_steps(max(1, min(steps, setup.steps, _MOST_STEPS)))
+    steps = round((setup.first_touch_s + _PAST_TOUCH_S) / setup.run.step_s)
+    return setup.with_steps(max(1, min(steps, setup.run.steps, _MOST_STEPS)))
 
 
 def _compile_at_once(
@@ -249,7 +249,7 @@ def _compile_beside(parent: int) -> None:
         truth = _made_up_contact(moment)
         metrics_of(moment, truth)
         impacts_in(moment.plant, truth)
-    if setup.law_is_shipped:  # one of the user's is not imported once more
+    if setup.scene.controller.law_is_shipped:  # one of the user's is not imported once more
         bound_law(setup)
 
 
@@ -260,10 +260,10 @@ def _made_up_contact(setup: "Setup") -> np.ndarray:
     truth = np.zeros((ts.COLUMNS, _ROWS))
     during = slice(_BEFORE, _BEFORE + _CONTACT)
     push = np.sin(np.pi * (np.arange(_CONTACT) + 0.5) / _CONTACT)
-    speed_m_s = setup.sphere.impact_speed_m_s
+    speed_m_s = setup.mechanics.sphere.impact_speed_m_s
     steps_away = np.arange(_ROWS) - _BEFORE
     steps_away = np.where(steps_away < 0, -steps_away, np.maximum(steps_away - _CONTACT, 0))
-    truth[ts.XI] = truth[ts.XI_S] = speed_m_s * setup.step_s * steps_away
+    truth[ts.XI] = truth[ts.XI_S] = speed_m_s * setup.run.step_s * steps_away
     truth[ts.XI, during] = truth[ts.XI_S, during] = -1e-6 * push
     truth[ts.F_C, during] = _FORCE_N * push
     truth[ts.F_C1, during] = 1.0

@@ -37,7 +37,7 @@ def main(
     Example: python -m paper.calibrate thesis-aluminium --restitution 0.7
     """
     resolved = scene_from(scene, settings, None)
-    target = restitution or resolved.structure.material.restitution
+    target = restitution or resolved.mechanics.structure.material.restitution
     data = {"restitution": target, "relaxation_s": relaxation_s}
     with results_in(folder, "calibrate", "thesis2008", json_file=json_file) as results:
         try:
@@ -55,7 +55,7 @@ def main(
         for key, value in data.items():
             out.print(f"{key} = {value:.8g}")
         results.conclude(
-            f"A viscous damper of {data['viscous_n_s_m']:.4g} N s/m gives {resolved.name} a "
+            f"A viscous damper of {data['viscous_n_s_m']:.4g} N s/m gives {resolved.scene.name} a "
             f"coefficient of restitution of {target:g}."
         )
 

@@ -147,16 +147,16 @@ def main(
     """
     resolved = scene_from(scene, settings, None)
     if quick:
-        steps = round((resolved.first_touch_s + _QUICK_S) / resolved.step_s)
-        resolved = resolved.with_steps(min(resolved.steps, steps))
-    with results_in(folder, "equations", resolved.scheme, json_file=json_file) as results:
+        steps = round((resolved.first_touch_s + _QUICK_S) / resolved.run.step_s)
+        resolved = resolved.with_steps(min(resolved.run.steps, steps))
+    with results_in(folder, "equations", resolved.run.scheme, json_file=json_file) as results:
         try:
             found = lines(resolved)
         except (SceneError, ValueError) as error:
             fail(str(error), 2)
         results.write("equations", found)
         results.table(
-            f"{resolved.name}, first impact without control",
+            f"{resolved.scene.name}, first impact without control",
             {
                 "equation": "{.equation}",
                 "what": "{.what}",
@@ -168,8 +168,8 @@ def main(
         )
         ratio = next(one.value for one in found if one.what == "limit over 3.1")
         results.conclude(
-            f"For the contact time of {resolved.name}, the limit for a short contact (eq. 3.3) is "
-            f"{ratio:.3g} times the acceleration noise of eq. 3.1."
+            f"For the contact time of {resolved.scene.name}, the limit for a short contact "
+            f"(eq. 3.3) is {ratio:.3g} times the acceleration noise of eq. 3.1."
         )
 
 

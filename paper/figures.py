@@ -42,7 +42,7 @@ def _bouncing(source: str, law: str) -> tuple[Setup, np.ndarray]:
     """A long run. The published scheme, whose work grows as the square of a contact's steps,
     is followed until the sphere has stayed on the plate for a quarter of the run."""
     setup = load(source)
-    if SCHEMES[setup.scheme].conserves:
+    if SCHEMES[setup.run.scheme].conserves:
         return _run(source, law, f"run.duration_s={_BOUNCES_S}")
     for part in (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1):
         setup, rows = _run(source, law, f"run.duration_s={_BOUNCES_S * part:.6f}")
@@ -59,9 +59,9 @@ def bounces(path: Path, plates: Sequence[str]) -> Path:
             left = axes[row, column]
             for i, (law, what) in enumerate(((_OFF, "without control"), (_ON, "with"))):
                 setup, rows = _bouncing(source, law)
-                t = np.arange(rows.shape[1]) * setup.step_s
+                t = np.arange(rows.shape[1]) * setup.run.step_s
                 every = slice(None, None, 100)
-                ends = " (stays)" if rows.shape[1] * setup.step_s < 0.99 * _BOUNCES_S else ""
+                ends = " (stays)" if rows.shape[1] * setup.run.step_s < 0.99 * _BOUNCES_S else ""
                 left.plot(t[every] * 1e3, rows[XI_S, every] * 1e3, **look(i), label=what + ends)
             left.set(title=title, xlabel="time (ms)", ylabel="sphere (mm)")
             left.set_xlim(0.0, 1e3 * _BOUNCES_S)
@@ -87,7 +87,7 @@ def first_contact(plate: str, source: str) -> Contact:
     if impact is None:
         raise ValueError(f"{source}: no impact")
     time_us, speed = 1e6 * impact.noise.contact_time_s, impact.noise.next_impact_speed_m_s
-    return Contact(plate, setup.scheme, time_us, impact.impact.peak_force_n, speed)
+    return Contact(plate, setup.run.scheme, time_us, impact.impact.peak_force_n, speed)
 
 
 def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:

@@ -49,12 +49,12 @@ def force_n(reading: str, scheme: str) -> np.ndarray:
     setup = scene_of(Row("aluminium", 0.05, ("controller.law=off",), True), scheme)
     impact = first_impact(setup, simulate(setup).truth)
     if impact is None:
-        raise ValueError(f"{setup.name}: no impact")
+        raise ValueError(f"{setup.scene.name}: no impact")
     length, top = len(impact.contact_n), FLAT * float(impact.contact_n.max())
     if reading == "flat":
         return np.full(length, top)
     shape = np.zeros(length)
-    part = mobility_force_n(setup.about_mechanics)[:length]
+    part = mobility_force_n(setup.law)[:length]
     shape[: len(part)] = part
     return shape if reading == "derived" else shape * (top / shape.max())
 

@@ -146,10 +146,10 @@ def noise_of(row: Row, scheme: str) -> ImpactNoise | None:
     """Figures of a row's first impact; None if it does not end within the longest run."""
     setup = scene_of(row, scheme)
     published = not SCHEMES[scheme].conserves
-    longest = _LONGEST_STEPS if published else 16 * setup.steps
-    steps = _SHORTEST_STEPS if published else setup.steps
+    longest = _LONGEST_STEPS if published else 16 * setup.run.steps
+    steps = _SHORTEST_STEPS if published else setup.run.steps
     while steps <= longest:
-        setup = scene_of(row, scheme, [f"run.duration_s={steps * setup.step_s!r}"])
+        setup = scene_of(row, scheme, [f"run.duration_s={steps * setup.run.step_s!r}"])
         impact = first_impact(setup, simulate(setup).truth)
         if impact is not None and impact.ended:
             counted_less = published and row.parameter_study
@@ -160,8 +160,8 @@ def noise_of(row: Row, scheme: str) -> ImpactNoise | None:
 
 def _one_step_less(noise: ImpactNoise, setup: Setup) -> ImpactNoise:
     """The figures with a contact time that counts one step less."""
-    radius, speed = setup.sphere.radius_m, noise.impact_speed_m_s
-    time_s = noise.contact_time_s - setup.step_s
+    radius, speed = setup.mechanics.sphere.radius_m, noise.impact_speed_m_s
+    time_s = noise.contact_time_s - setup.run.step_s
     return replace(
         noise,
         contact_time_s=time_s,

@@ -136,12 +136,12 @@ def momentum() -> list[Momentum]:
             # A contact that the run cuts off has its speed at the last step but one.
             last = impact.end if impact.ended else impact.end - 2
             force = rows[F_C, impact.start : last]
-            impulse = float(np.sum(force)) * scene.step_s
+            impulse = float(np.sum(force)) * scene.run.step_s
             mass = scene.plant.sphere.mass_kg
             noise = impact.noise
             change = mass * (noise.impact_speed_m_s + noise.next_impact_speed_m_s)
-            change += mass * GRAVITY_M_S2 * len(force) * scene.step_s
-            found.append(Momentum(source, scene.scheme, impulse, change, impulse / change))
+            change += mass * GRAVITY_M_S2 * len(force) * scene.run.step_s
+            found.append(Momentum(source, scene.run.scheme, impulse, change, impulse / change))
     return found
 
 

@@ -44,7 +44,7 @@ def main() -> None:
             "sensitivity_uncertainty = 0.02",
             "clock_tolerance_ppm = 25",
         ]
-        if height_m != rig.sphere.drop_height_m:
+        if height_m != rig.mechanics.sphere.drop_height_m:
             table.append(f'set = {{"sphere.drop_height_m" = {height_m}}}')
         rows = np.stack([record.time_s, record.value], axis=1)
         (EXAMPLES / f"{name}.toml").write_text("\n".join(table) + "\n", encoding="utf-8")

@@ -80,7 +80,7 @@ class Run:
         actuator force `f_a_n` (N, means of a step). Needs the extra `python`.
         """
         assert self._streams is not None
-        return labelled_arrays().truth_of(self._streams.columns, self._streams.setup.step_s)
+        return labelled_arrays().truth_of(self._streams.columns, self._streams.setup.run.step_s)
 
     @cached_property
     def samples(self) -> "xr.DataArray":
@@ -90,8 +90,10 @@ class Run:
         """
         assert self._streams is not None
         values, setup = self._streams.values, self._streams.setup
-        time_s = np.arange(len(values)) * (setup.every_steps * setup.step_s)
-        return labelled_arrays().labelled(values, sensed_label(setup.quantity), "sample", time_s)
+        time_s = np.arange(len(values)) * (setup.sensor.every_steps * setup.run.step_s)
+        return labelled_arrays().labelled(
+            values, sensed_label(setup.scene.sensors.quantity), "sample", time_s
+        )
 
     @cached_property
     def force(self) -> "xr.DataArray | None":
@@ -103,7 +105,7 @@ class Run:
         values = self._streams.commanded
         if values is None:
             return None
-        time_s = np.arange(len(values)) * self._streams.setup.step_s
+        time_s = np.arange(len(values)) * self._streams.setup.run.step_s
         return labelled_arrays().labelled(values, FORCE_LABEL, "step", time_s)
 
     @cached_property
@@ -209,7 +211,7 @@ def simulate(scene: AnyScene) -> Run:
     def compute_result() -> RunResult:
         return RunResult(
             metrics_of(setup, truth),
-            setup.law_reference,
+            setup.scene.controller.law,
             model_error.expected_error(setup),
             balance.injected_j,
             balance.dent_m,

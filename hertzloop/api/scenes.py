@@ -69,6 +69,6 @@ def resolved(scene: AnyScene) -> Setup:
     from hertzloop.processes.law_trial import check_repeatable  # only a law of the user needs it
 
     setup = resolve(current(scene))
-    if not setup.law_is_shipped:
+    if not setup.scene.controller.law_is_shipped:
         check_repeatable(setup)
     return setup

@@ -31,9 +31,9 @@ class Stepper:
 
     def __init__(self, scene: AnyScene) -> None:
         setup = resolve(current(scene))
-        self.steps, self.step_s = setup.steps, setup.step_s
+        self.steps, self.step_s = setup.run.steps, setup.run.step_s
         self._plant = build_plant(setup)
-        self._sensor = build_sensor(setup, setup.steps + 1)  # the last step ends with a sample
+        self._sensor = build_sensor(setup, setup.run.steps + 1)  # the last step ends with a sample
         self._window = empty_window(1, 1)
         self.sample = self._go_on(0.0, 0)
 

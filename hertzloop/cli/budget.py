@@ -181,7 +181,7 @@ def _print_result(
     data = result.as_data()
     likely = result.probability
     if likely:
-        command = run_command(scene, likely.worst, changes, plan.setup.seed)
+        command = run_command(scene, likely.worst, changes, plan.setup.run.seed)
         print_probability(likely, command)
         data["probability"]["worst_command"] = command
     return data

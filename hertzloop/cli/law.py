@@ -209,5 +209,5 @@ def controller_test(
             fail(f"{case.name}: {error}", 1)
     law_used = law_of(recordings[0])
     err.say(f"its law: {law_used}" if law_used else "it does not say which law ran (report.law)")
-    forces = sum(case.setup.steps for case in cases)
+    forces = sum(case.setup.run.steps for case in cases)
     out.print(f"conforms: {len(cases)} runs, {forces:,} forces")

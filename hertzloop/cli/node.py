@@ -72,7 +72,9 @@ def plant(
             setup,
             replace(address, on_open=lambda: report(open=True)),
             options,
-            lambda: _begin(report, PLANT, asked, f"{setup.name}, {_duration(setup.duration_s)}"),
+            lambda: _begin(
+                report, PLANT, asked, f"{setup.scene.name}, {_duration(setup.run.duration_s)}"
+            ),
             _progress_reporter(report),
             repeated,
         )
@@ -80,8 +82,8 @@ def plant(
         if not asked.watched:
             _print_profile(stats)
             out.say(
-                f"Complete: {setup.steps:,} steps in {stats['wall_s']:z.3f} s. The recorder has "
-                "the recording."
+                f"Complete: {setup.run.steps:,} steps in {stats['wall_s']:z.3f} s. The "
+                "recorder has the recording."
             )
 
 

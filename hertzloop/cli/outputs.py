@@ -129,7 +129,7 @@ def files_of(setup: Setup, *named: str) -> list[Path]:
         setup: The scene, whose law can be a file.
         named: Name of the scene, and settings as `key=value`.
     """
-    law = setup.law_reference
+    law = setup.scene.controller.law
     texts = [law, law.rpartition(":")[0], *named, *(text.partition("=")[2] for text in named)]
     return [Path(text.strip("\"' ")) for text in texts if text]
 

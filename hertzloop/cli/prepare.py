@@ -71,7 +71,7 @@ def check_law(setup: Setup) -> None:
     Raises:
         SceneError: The law cannot be used.
     """
-    if setup.law_reference in shipped_laws():
+    if setup.scene.controller.law in shipped_laws():
         note = loaded_law(setup).note(setup.scene.controller.keys)
     else:
         note = try_law(setup)

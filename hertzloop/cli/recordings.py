@@ -267,7 +267,7 @@ def repair(
 def _of_announced(repaired: Path) -> str:
     """Return how long the run of a recovered recording was to be; "" if its scene is unknown."""
     try:
-        return f" of {quantity(parse(read(repaired).scene_toml).duration_s, 's')}"
+        return f" of {quantity(parse(read(repaired).scene_toml).run.duration_s, 's')}"
     except (RecordingError, SceneError):
         return ""
 

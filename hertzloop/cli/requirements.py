@@ -23,9 +23,9 @@ def check_requirements(path: Path, workers: int | None, json_file: Path | None) 
     """
     requirements = read_requirements(path)
     setups = [requirement.setup() for requirement in requirements]
-    for setup in {setup.law_reference: setup for setup in setups}.values():
+    for setup in {setup.scene.controller.law: setup for setup in setups}.values():
         prepare.check_law(setup)
-    differing = {(s.name, s.law_reference): s for s in setups}
+    differing = {(s.scene.name, s.scene.controller.law): s for s in setups}
     prepare.compile_first(*differing.values(), works=CASES)
     results = []
     with (

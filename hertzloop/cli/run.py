@@ -100,7 +100,7 @@ def _checked(
         fail("--repeat: the recording fixes scene and seed. Remove SCENE, --set and --seed.")
     repeated = read(repeat) if repeat else None
     setup = scene_to_run(repeated) if repeated else prepare.scene_from(scene, settings, seed)
-    recording = out_file or Path(f"{setup.name}{'-again' if repeat else ''}.mcap")
+    recording = out_file or Path(f"{setup.scene.name}{'-again' if repeat else ''}.mcap")
     inputs = [repeat] if repeat else outputs.files_of(setup, scene, *settings)
     outputs.check_recording(recording, options.overwrite, read=inputs)
     if options.verify:
@@ -122,7 +122,7 @@ def _run(setup: Setup, recording: Path, options: RunOptions, live: bool) -> RunR
     with (
         if_interrupted(lambda: what_is_kept(recording, started_s)),
         _viewer(options) if live else nullcontext(),
-        progress(setup.name, setup.steps) as advance,
+        progress(setup.scene.name, setup.run.steps) as advance,
     ):
         return run_and_assess(setup, recording, options, advance)
 
@@ -156,7 +156,7 @@ def _linear_loop(
     setup: Setup, has_own_controller: bool
 ) -> tuple[dict[str, Any] | None, Text | None]:
     """Return how the linear loop grows, as plain data, and a warning if it is not stable."""
-    if not setup.has_law or loaded_law(setup).not_linear or has_own_controller:
+    if not setup.scene.controller.has_law or loaded_law(setup).not_linear or has_own_controller:
         return None, None
     # The margin takes 0.06 s to import.
     from hertzloop.studies.margin.growth import growth_of

@@ -115,4 +115,4 @@ def check(
         print_all(out, [table_of(neglected.checks), *neglected_lines(neglected.checks)])
         if lacking := not_evaluated(neglected):
             out.say(lacking)
-    outputs.write_json(json_file, {"scene": resolved.name, **found})
+    outputs.write_json(json_file, {"scene": resolved.scene.name, **found})

@@ -124,7 +124,7 @@ def _checked(arguments: SweepArguments) -> SweepStudy:
     """Return the sweep to run; end the command if it cannot be run or written."""
     request, settings = arguments.request, arguments.settings
     setup = prepare.scene_from(arguments.scene, settings, arguments.seed)
-    target = arguments.out_file or Path(f"{setup.name}-sweep.parquet")
+    target = arguments.out_file or Path(f"{setup.scene.name}-sweep.parquet")
     if target.suffix not in (".parquet", ".csv"):
         fail(f"--out = {target}: unknown format. Use a name that ends in .parquet or .csv.")
     if arguments.picture is not None:

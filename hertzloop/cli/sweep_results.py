@@ -137,7 +137,7 @@ def flight_lines(setup: Setup, span: Span, rows: Rows) -> list[str]:
     if span != "impact" or not having or {"run.duration_s", "run.step_ns"} & set(having[0]):
         return []
     contact_s = 1e-6 * max(row["contact_us"] for row in having)
-    simulated_s = setup.step_s * sum(row["steps"] for row in having) / len(having)
+    simulated_s = setup.run.step_s * sum(row["steps"] for row in having) / len(having)
     enough_s = setup.first_touch_s + _CONTACTS * contact_s
     if simulated_s < _WORTH * enough_s:
         return []

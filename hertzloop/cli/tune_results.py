@@ -36,7 +36,7 @@ class TuneArguments:
 
     def file_name(self, plan: TunePlan) -> str:
         """Return the name of the files with results."""
-        return "tune-" + "-".join(base.name for base in plan.bases)
+        return "tune-" + "-".join(base.scene.name for base in plan.bases)
 
 
 def print_result(arguments: TuneArguments, plan: TunePlan, result: TuneResult) -> None:
@@ -89,14 +89,14 @@ def write_result(
         for candidate in result.front
     )
     write_rows(folder / f"{name}.csv", headings, rows)
-    title = ", ".join(base.name for base in plan.bases)
+    title = ", ".join(base.scene.name for base in plan.bases)
     pictures.save(front_sheet(title, result), folder / f"{name}.png")
     best_scenes = _scenes_with(result.best, plan)
     for setup in best_scenes:
-        atomic_write(folder / f"tuned-{setup.name}.toml", to_toml(setup.scene))
+        atomic_write(folder / f"tuned-{setup.scene.name}.toml", to_toml(setup.scene))
     out.say(
         f"written: {folder}/{name}.csv and .png; with the best setting: "
-        + ", ".join(f"{folder}/tuned-{setup.name}.toml" for setup in best_scenes)
+        + ", ".join(f"{folder}/tuned-{setup.scene.name}.toml" for setup in best_scenes)
     )
 
 

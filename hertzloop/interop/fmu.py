@@ -55,16 +55,17 @@ class Variable:
 def variables(image: Image) -> list[Variable]:
     """All variables in the order of their value references, the time first."""
     setup = image.setup
-    unit, meaning = SENSED[setup.quantity][:2]
+    unit, meaning = SENSED[setup.scene.sensors.quantity][:2]
     so_far = "so far"
     return [
         Variable("time", "s", "simulated time", "independent"),
         Variable("force_command", "N", "commanded actuator force, up positive, held over the step",
                  "input", start=0.0),
         Variable("drop_height", "m", "height of the drop; modes, damping and the converter's "
-                 "range stay those of the scene", "parameter", start=setup.sphere.drop_height_m),
+                 "range stay those of the scene", "parameter",
+                 start=setup.mechanics.sphere.drop_height_m),
         Variable("noise_seed", "", "seed of the sensor's noise and of a random touch phase",
-                 "parameter", whole=True, start=setup.seed),
+                 "parameter", whole=True, start=setup.run.seed),
         Variable("sample", unit, f"latest {meaning}, as read"),
         Variable("sample_code", "", "code of the converter, 0 of an ideal one", whole=True),
         Variable("sample_clipped", "", "1 if the sample was out of range, else 0", whole=True),
@@ -95,7 +96,7 @@ def header(image: Image, token: str) -> str:
 
 def identifier(image: Image) -> str:
     """Name of the unit's library, a word in C."""
-    return "hertzloop_" + re.sub("[^A-Za-z0-9]", "_", image.setup.name)
+    return "hertzloop_" + re.sub("[^A-Za-z0-9]", "_", image.setup.scene.name)
 
 
 def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
@@ -105,7 +106,7 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
         "fmiModelDescription",
         {
             "fmiVersion": f"{version}.0",
-            "modelName": setup.name,
+            "modelName": setup.scene.name,
             "guid" if version == "2" else "instantiationToken": token,
             "description": setup.scene.shows or "a sphere strikes a plate",
             "generationTool": f"hertzloop {__version__}, for {cpu}",
@@ -123,7 +124,7 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
             "canHandleVariableCommunicationStepSize": "true",
             f"canGetAndSet{state}": "true",
             f"canSerialize{state}": "true",
-            **({"fixedInternalStepSize": f"{setup.step_s:.12g}"} if version == "3" else {}),
+            **({"fixedInternalStepSize": f"{setup.run.step_s:.12g}"} if version == "3" else {}),
         },
     )
     units = ET.SubElement(root, "UnitDefinitions")
@@ -138,8 +139,8 @@ def description(image: Image, version: Version, token: str, cpu: str) -> bytes:
         "DefaultExperiment",
         {
             "startTime": "0",
-            "stopTime": f"{setup.steps * setup.step_s:.12g}",
-            "stepSize": f"{setup.step_s * setup.every_steps:.12g}",
+            "stopTime": f"{setup.run.steps * setup.run.step_s:.12g}",
+            "stepSize": f"{setup.run.step_s * setup.sensor.every_steps:.12g}",
         },
     )
     _add_variables(root, variables(image), version)
@@ -189,7 +190,7 @@ _LONG_AGO = (1980, 1, 1, 0, 0, 0)  # the same unit is the same file
 def write_fmu(image: Image, cpu: str, version: Version, out: Path) -> None:
     """Write the unit. Raises SceneError for a seed that FMI 2.0 has no number for, NoCompiler,
     CompileFault and NotWritten."""
-    seed = image.setup.seed
+    seed = image.setup.run.seed
     if seed >= _LARGEST[version]:
         raise SceneError(
             f"run.seed = {seed} is too large for FMI 2.0, whose whole numbers end at 2147483647; "

@@ -23,7 +23,8 @@ from hertzloop.plant.time_series import F_A, F_C
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.quantities import SENSED
-from hertzloop.scene.setup import PHASE_STREAM, Setup
+from hertzloop.scene.setup import Setup
+from hertzloop.scene.tables import PHASE_STREAM
 from hertzloop.sensors.acquisition import NOISE_STREAM
 
 _MODEL, _STATE, _NOISE = range(3)
@@ -56,9 +57,9 @@ class Image:
 
 def image(setup: Setup) -> Image:
     """The image of a scene's plant and sensor. Raises SceneError for a scheme that cannot go."""
-    if not SCHEMES[setup.scheme].supports_export:
+    if not SCHEMES[setup.run.scheme].supports_export:
         raise SceneError(
-            f"run.scheme = {setup.scheme!r} cannot be exported. "
+            f"run.scheme = {setup.run.scheme!r} cannot be exported. "
             f"Use {supporting('supports_export')}."
         )
     plant, sensor = build_plant(setup), build_sensor(setup)
@@ -70,7 +71,7 @@ def image(setup: Setup) -> Image:
         empty_window(1, 1),
         np.zeros(2),
         np.zeros(ENERGIES),
-        float(setup.lead_in_s),
+        float(setup.run.lead_in_s),
     )
     memory = _Memory()
     memory.take(_MODEL, unit.plant)
@@ -79,21 +80,21 @@ def image(setup: Setup) -> Image:
     for part in unit[unit._fields.index("sensor_state") :]:
         memory.take(_STATE, part)
     # One sample more than the loop takes, after the last step.
-    count = setup.steps // setup.every_steps + 1 if unit.sensor.noise.size else 0
+    count = setup.run.steps // setup.sensor.every_steps + 1 if unit.sensor.noise.size else 0
     data, places = memory.laid_out(count)
     at = memory.offset_of
     body, window = at(unit.plant_state.body), unit.window
     truth = at(window.truth)
     phase = setup.scene.run.touch_phase
-    sensed = SENSED[setup.quantity]
+    sensed = SENSED[setup.scene.sensors.quantity]
     constants = {
-        "SCENE": setup.name,
+        "SCENE": setup.scene.name,
         "QUANTITY": f"{sensed.meaning}, {sensed.unit}",
-        "STEP_S": setup.step_s,
-        "STEPS": setup.steps,
-        "EVERY_STEPS": setup.every_steps,
-        "DROP_HEIGHT_M": setup.sphere.drop_height_m,
-        "SEED": setup.seed,
+        "STEP_S": setup.run.step_s,
+        "STEPS": setup.run.steps,
+        "EVERY_STEPS": setup.sensor.every_steps,
+        "DROP_HEIGHT_M": setup.mechanics.sphere.drop_height_m,
+        "SEED": setup.run.seed,
         "NOISE": count,
         "NOISE_RMS": setup.sensor.noise_rms,
         "NOISE_STREAM": NOISE_STREAM,

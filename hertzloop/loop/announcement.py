@@ -27,12 +27,12 @@ def versions_here() -> str:
 def hello(setup: Setup, stiffness: float) -> Hello:
     """Return the first message of a run."""
     return Hello(
-        scene=setup.name,
+        scene=setup.scene.name,
         versions=versions_here(),
         scene_toml=to_toml(setup.scene, brief=True),
-        steps=setup.steps,
-        step_ns=setup.step_ns,
-        seed=setup.seed,
+        steps=setup.run.steps,
+        step_ns=setup.run.step_ns,
+        seed=setup.run.seed,
         stiffness=stiffness,
         law=loaded_law(setup).name,
         law_digest=loaded_law(setup).digest,
@@ -58,8 +58,8 @@ def controller_report(setup: Setup, law: str | None = None) -> ControllerReport:
         law: Name of the law in the plant's scene, if this side has its file elsewhere.
     """
     return ControllerReport(
-        scene_toml=to_toml(setup.scene, law or setup.law_reference, brief=True),
-        stiffness=setup.stiffness,
+        scene_toml=to_toml(setup.scene, law or setup.scene.controller.law, brief=True),
+        stiffness=setup.law.stiffness,
         law=loaded_law(setup).name,
         law_digest=loaded_law(setup).digest,
         versions=versions_here(),

@@ -144,18 +144,18 @@ class ControllerNode:
             self._controller = build_controller(setup)
         except (SceneError, LawError) as error:
             raise StreamFault(f"the plant announced an invalid scene: {error}") from error
-        asked = setup.law_reference  # as the plant calls it, wherever this side has it
+        asked = setup.scene.controller.law  # as the plant calls it, wherever this side has it
         if self._law is not None:
-            asked = parse(scene, recorded=True).law_reference
+            asked = parse(scene, recorded=True).scene.controller.law
         self._report = controller_report(setup, asked)
         compare_report(block.header, self._report)  # another version may resolve it differently
-        if (setup.steps, setup.step_ns) != (block.header.steps, block.header.step_ns):
+        if (setup.run.steps, setup.run.step_ns) != (block.header.steps, block.header.step_ns):
             raise StreamFault(
                 f"the plant announced {block.header.steps} steps of {block.header.step_ns} ns, its "
-                f"scene has {setup.steps} of {setup.step_ns} ns"
+                f"scene has {setup.run.steps} of {setup.run.step_ns} ns"
             )
         self.setup = setup
-        self._every_steps, self._step_ns = setup.every_steps, setup.step_ns
+        self._every_steps, self._step_ns = setup.sensor.every_steps, setup.run.step_ns
         self._events = ControllerEvents(setup)
         self._offered, self._joined = lane.join(block.header, self._fast_lane)
         if self._offered is not None and block.header.pace:

@@ -73,8 +73,8 @@ class _LimitedEvents:
     """
 
     def __init__(self, name: str, setup: Setup) -> None:
-        self._name, self._steps, self._step_ns = name, setup.steps, setup.step_ns
-        self._every = setup.every_steps
+        self._name, self._steps, self._step_ns = name, setup.run.steps, setup.run.step_ns
+        self._every = setup.sensor.every_steps
         self._found = 0
 
     def _published(self, found: Iterable[StepEvent], end: int) -> Iterator[Event]:
@@ -94,8 +94,8 @@ class PlantEvents(_LimitedEvents):
 
     def __init__(self, setup: Setup) -> None:
         super().__init__("plant", setup)
-        self._quantity = setup.quantity
-        self._late = LateForces(setup.steps)
+        self._quantity = setup.scene.sensors.quantity
+        self._late = LateForces(setup.run.steps)
         self._touching = self._clipped = False
         self._contacts = 0
 

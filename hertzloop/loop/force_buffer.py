@@ -44,12 +44,12 @@ class ForceBuffer:
             held_steps: For each step, how many steps older than that step its command was, in a
                 run that does not wait for forces. None in lock-step.
         """
-        self.forces = np.zeros(setup.steps)
+        self.forces = np.zeros(setup.run.steps)
         self.lane = lane.closed()
         self.grant = loop_kernels.TimeGrant(
             counts=np.zeros(GRANT_COUNTS, np.int64),
             level=np.full(1, math.inf),  # no promise yet: any sample would break it
-            lookahead_steps=1 + setup.line.latency_steps,
+            lookahead_steps=1 + setup.signal_path.latency_steps,
         )
         self._window, self._held_steps = window, held_steps
         self._confirmed = 0  # steps whose force has also been received over the bus

@@ -9,12 +9,12 @@ _LEAST_STEPS = 2  # in which a rebound is seen
 
 def quiet_steps(setup: Setup) -> int:
     """Return how many steps without force separate a contact from the next."""
-    quiet = round(_QUIET_S / setup.step_s) + setup.line.most_added_steps
+    quiet = round(_QUIET_S / setup.run.step_s) + setup.signal_path.most_added_steps
     return max(quiet, _LEAST_STEPS)
 
 
 def impact_follower(setup: Setup) -> ImpactFollower:
     """Return the state of a first impact before the contact."""
     quiet = quiet_steps(setup)
-    line_steps = 1 + setup.line.latency_steps + setup.line.most_added_steps
+    line_steps = 1 + setup.signal_path.latency_steps + setup.signal_path.most_added_steps
     return new_follower(quiet, line_steps)

@@ -51,7 +51,7 @@ def run_compiled(
     try:
         streams.announce_run()
         wall_s, sent = 0.0, 0
-        while streams.step < setup.steps:
+        while streams.step < setup.run.steps:
             started = time.perf_counter()
             loop.advance(streams.boundary)
             wall_s += time.perf_counter() - started
@@ -68,7 +68,7 @@ def run_compiled(
             end = int(controller.line_state.counts[EMITTED])
             answer = ForceBlock(
                 first_step=sent,
-                step_ns=setup.step_ns,
+                step_ns=setup.run.step_ns,
                 samples_seen=int(controller.law_state.counts[laws.SAMPLES]),
             )
             publisher.send("force", answer, {"force_n": controller.forces[sent:end]})

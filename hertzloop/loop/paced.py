@@ -28,7 +28,7 @@ _REST_S = 50e-6
 def check_pace(setup: Setup, pace: float, timeout_s: float) -> None:
     """Raise SceneError for a pace (simulated over wall time) at which processes that wait
     `timeout_s` for a message would take each other for dead."""
-    sample_s, most_s = setup.step_s * setup.every_steps, timeout_s / 4
+    sample_s, most_s = setup.run.step_s * setup.sensor.every_steps, timeout_s / 4
     if not sample_s <= most_s * pace:  # nor at a pace of nan
         every_s = sample_s / pace if pace > 0.0 else math.inf
         raise SceneError(
@@ -40,14 +40,14 @@ def check_pace(setup: Setup, pace: float, timeout_s: float) -> None:
 
 def _pace(setup: Setup, pace: float) -> pace_kernels.Pace:
     """What a run at a pace keeps, at its start."""
-    room = 1 << min(_MOST_WAITING, setup.steps // setup.every_steps + 1).bit_length()
+    room = 1 << min(_MOST_WAITING, setup.run.steps // setup.sensor.every_steps + 1).bit_length()
     return pace_kernels.Pace(
-        held=np.zeros(setup.steps, np.int32),
+        held=np.zeros(setup.run.steps, np.int32),
         values=np.zeros(room),
         taken_ns=np.zeros(room, np.int64),
         counts=np.zeros(pace_kernels.PACE_COUNTS, np.int64),
         histogram=np.zeros(pace_kernels.CLASSES, np.int64),
-        step_ns=setup.step_ns / pace,
+        step_ns=setup.run.step_ns / pace,
     )
 
 
@@ -125,7 +125,7 @@ class PacedPlantNode(PlantNode):
             )
 
     def _loop(self) -> None:
-        streams, steps = self.streams, self.setup.steps
+        streams, steps = self.streams, self.setup.run.steps
         super()._advance(1)
         streams.send_samples()
         while not self.buffer.samples:
@@ -190,7 +190,7 @@ class PacedPlantNode(PlantNode):
             working_ns=max(0, wall_ns - int(counts[pace_kernels.WAITED_NS])),
             classes_an_octave=pace_kernels.CLASSES_AN_OCTAVE,
             lookahead_steps=self.buffer.grant.lookahead_steps,
-            step_ns=self.setup.step_ns,
+            step_ns=self.setup.run.step_ns,
         )
         self.streams.publisher.send(
             "pacing", header, {"answers": np.trim_zeros(self._pace.histogram, "b").astype(float)}

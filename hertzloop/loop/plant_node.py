@@ -101,9 +101,15 @@ class PlantNode:
         self._lane: PlantLane | None = None
         if exchange.fast_lane:
             self._lane = PlantLane(
-                self.streams.hello, publisher.run_id, setup.every_steps, self.buffer, self.timeout_s
+                self.streams.hello,
+                publisher.run_id,
+                setup.sensor.every_steps,
+                self.buffer,
+                self.timeout_s,
             )
-        self.checker = SequenceChecker(publisher.run_id, setup.step_ns, PLANT, self.streams.hello)
+        self.checker = SequenceChecker(
+            publisher.run_id, setup.run.step_ns, PLANT, self.streams.hello
+        )
         self.controller_ended = False
         self.exchanges = 0
         self._advance(0)  # loads the kernels before the clock starts
@@ -139,7 +145,7 @@ class PlantNode:
         return self.port.waited_s + 1e-9 * float(self.buffer.lane.own[WAITED_NS])
 
     def _loop(self) -> None:
-        streams, steps = self.streams, self.setup.steps
+        streams, steps = self.streams, self.setup.run.steps
         last_exchange, last_sent_s = 0, time.monotonic()
         every_s = say_every_s(self.timeout_s)
         while streams.step < steps:
@@ -232,7 +238,7 @@ class PlantNode:
     def _receive(self) -> None:
         """Receive one message of the controller. Raises StreamFault if it is impossible."""
         awaited = f"the force for step {self.buffer.end}"
-        if self.buffer.end == self.setup.steps:
+        if self.buffer.end == self.setup.run.steps:
             awaited = "the end"
         # The controller may compile its law before it answers for the first time.
         timeout_s = self.timeout_s if self.buffer.samples else max(self.timeout_s, self._wait_s)
@@ -254,7 +260,7 @@ class PlantNode:
     def _receive_end(self, end: RunEnd) -> None:
         self.controller_ended = True
         self._advance(self.streams.step)  # takes the rest from the lane
-        if end.fault or self.buffer.end < self.setup.steps:
+        if end.fault or self.buffer.end < self.setup.run.steps:
             raise EndedByOther(f"the controller ended the run: {end.fault or 'too early'}")
         self.checker.reconcile(end)
         if not self.buffer.all_confirmed():

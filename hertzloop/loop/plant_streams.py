@@ -46,11 +46,11 @@ def truth_columns(truth: np.ndarray, setup: Setup, same_point: bool) -> dict[str
     arrays = dict(zip(TRUTH, truth, strict=True))
     if same_point:
         del arrays["xi_a_m"]
-    if not SCHEMES[setup.scheme].records_slope:
+    if not SCHEMES[setup.run.scheme].records_slope:
         del arrays["f_c1_n"]
-    if setup.actuator.bandwidth_hz is None:
+    if setup.mechanics.actuator.bandwidth_hz is None:
         del arrays["f_a1_n"]
-    if setup.contact.limit is None:
+    if setup.mechanics.contact.limit is None:
         del arrays["deepest_m"]
     return arrays
 
@@ -105,19 +105,19 @@ class PlantStreams:
     @property
     def boundary(self) -> int:
         """The next step at which a block may end."""
-        return min((self.step // BLOCK_STEPS + 1) * BLOCK_STEPS, self.setup.steps)
+        return min((self.step // BLOCK_STEPS + 1) * BLOCK_STEPS, self.setup.run.steps)
 
     @property
     def at_boundary(self) -> bool:
         """Whether a block may end at the present step."""
-        return self.step % BLOCK_STEPS == 0 or self.step == self.setup.steps
+        return self.step % BLOCK_STEPS == 0 or self.step == self.setup.run.steps
 
     @property
     def due(self) -> bool:
         """Whether a block is due: time has passed, the run is over, or the window is full."""
         counts = self.window.counts
         room = ROOM_STEPS - int(counts[TRUTH_END] - counts[TRUTH_FIRST])
-        last = self.step == self.setup.steps
+        last = self.step == self.setup.run.steps
         return last or room < BLOCK_STEPS or time.monotonic() >= self._next_s
 
     def announce_run(self) -> None:
@@ -144,7 +144,7 @@ class PlantStreams:
         clipped = self.window.clipped[:count].astype(np.uint8)
         header = DaqBlock(
             first_step=int(counts[SAMPLES_FIRST]) * every,
-            step_ns=self.setup.step_ns,
+            step_ns=self.setup.run.step_ns,
             every_steps=every,
             scale=model.scale,
             offset=model.offset,
@@ -177,7 +177,7 @@ class PlantStreams:
         held = None
         if self._held_steps is not None:
             arrays["held_steps"] = held = self._held_steps[first:end]
-        header = TruthBlock(first_step=first, step_ns=self.setup.step_ns)
+        header = TruthBlock(first_step=first, step_ns=self.setup.run.step_ns)
         self.publisher.send("truth", header, arrays)
         # Flags of samples up to here; a later sample belongs to the next block.
         flags = np.concatenate([np.empty(0, np.uint8), *self._clipped])
@@ -216,7 +216,7 @@ class PlantStreams:
         failure = event(
             "plant",
             self.step,
-            self.setup.step_ns,
+            self.setup.run.step_ns,
             Log.FATAL,
             kind=EventKind.RUN_FAILED,
             message=sentence,

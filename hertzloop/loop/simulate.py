@@ -95,7 +95,7 @@ def simulate(
     Raises:
         LawStopped: The law has failed.
     """
-    most = steps or setup.steps
+    most = steps or setup.run.steps
     plant = own_plant or build_plant(setup, steps=most)
     sensor = build_sensor(setup, most)
     controller = build_controller(setup, ahead=impact_only, steps=most)
@@ -111,7 +111,7 @@ def simulate(
     try:
         controller.check()
     except LawFault as error:
-        before = controller.failed_at * setup.every_steps + 1
+        before = controller.failed_at * setup.sensor.every_steps + 1
         raise LawStopped(str(error), window.truth[:, :before]) from error
     ran, taken = int(window.counts[TRUTH_END]), int(window.counts[SAMPLES_END])
     sent = window.values if sensor.model.ideal else window.codes
@@ -145,8 +145,8 @@ def closed_loop_truth(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[
     plant.state.body[FLIGHT_V] *= 1.0 + disturbance
     modes, delays = np.zeros(_PIECE_STEPS, np.int64), np.zeros(_PIECE_STEPS, np.int64)
     counts = np.zeros(WINDOW_COUNTS, np.int64)
-    for first in range(0, setup.steps, _PIECE_STEPS):
-        length = min(_PIECE_STEPS, setup.steps - first)
+    for first in range(0, setup.run.steps, _PIECE_STEPS):
+        length = min(_PIECE_STEPS, setup.run.steps - first)
         window = empty_window(length, length)
         window.counts[:] = counts
         window.counts[[TRUTH_FIRST, TRUTH_END]] = 0
@@ -193,7 +193,7 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
             controller.forces,
             truth,
             parts_of_step,
-            SENSED[setup.quantity].over_step,
+            SENSED[setup.scene.sensors.quantity].over_step,
         )
     try:
         controller.check()

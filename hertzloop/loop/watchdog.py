@@ -68,7 +68,7 @@ def watching(
 
     Runs of shipped laws are not watched.
     """
-    if setup.law_is_shipped:
+    if setup.scene.controller.law_is_shipped:
         yield
         return
     law = loaded_law(setup).name

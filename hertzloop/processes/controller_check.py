@@ -58,7 +58,7 @@ def cases_of(law: str | None, settings: Sequence[str]) -> list[Case]:
     """
     asked = (*settings, *([f"controller.law={law}"] if law else []))
     cases = [
-        Case(name, load(SCENE, [*_SHORT, *path, *asked]).with_name("law-test"))
+        Case(name, load(SCENE, ["name=law-test", *_SHORT, *path, *asked]))
         for name, path in _PATHS.items()
     ]
     return [*cases, replace(cases[0], name=f"a horizon of {_HORIZON} steps", horizon=_HORIZON)]
@@ -85,7 +85,7 @@ def compare_with_law(recording: Recording, setup: Setup) -> None:
     """Raise WrongForce unless the law of the setup answers the recorded samples with the recorded
     forces, bit for bit."""
     expected = build_controller(setup).process(recording.daq_values).forces
-    law = f"law '{setup.law_reference}'"
+    law = f"law '{setup.scene.controller.law}'"
     _compare(recording.force.arrays["force_n"], expected, law, setup)
 
 
@@ -102,7 +102,7 @@ def _compare(forces: np.ndarray, expected: np.ndarray, other: str, setup: Setup)
         return
     at = int(differs[0])
     raise WrongForce(
-        f"the controller's force of step {at} ({1e3 * at * setup.step_s:.6g} ms) is "
+        f"the controller's force of step {at} ({1e3 * at * setup.run.step_s:.6g} ms) is "
         f"{float(forces[at])!r} N, that of {other} is {float(expected[at])!r} N"
         + _last_bits(forces[differs], expected[differs])
     )

@@ -177,7 +177,7 @@ class Launcher:
                 in_vain = known and not any(c.ready for c in running.values())
                 deadline = min(deadline, time.monotonic() + (0.0 if in_vain else _GRACE_S))
         if failed:
-            own = not self._setup.law_is_shipped and not self._program
+            own = not self._setup.scene.controller.law_is_shipped and not self._program
             law = loaded_law(self._setup).name if own else ""
             raise RunFailed(failure_cause(failed, set(running), law))
         return self._statistics(running)

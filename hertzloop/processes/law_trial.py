@@ -58,7 +58,7 @@ def try_law(setup: Setup) -> str:
     bound, samples = bound_law(setup, True), impact_samples(setup, about)
     # The child may be killed: what it unpacks goes with this folder.
     with own_folder() as folder:
-        if problem := _in_child(bound, samples, setup.step_s, folder):
+        if problem := _in_child(bound, samples, setup.run.step_s, folder):
             raise SceneError(problem)
     notes = [law.identity_note()]
     if isinstance(bound, BoundPython) and bound.trouble:
@@ -79,7 +79,7 @@ def check_repeatable(setup: Setup) -> None:
         return
     about = law_context(setup)
     _check_prepared(law, setup, about)
-    if problem := _problem(bound_law(setup, True), impact_samples(setup, about), setup.step_s):
+    if problem := _problem(bound_law(setup, True), impact_samples(setup, about), setup.run.step_s):
         raise SceneError(problem)
     if note := law.identity_note():
         warnings.warn(note, stacklevel=4)
@@ -90,7 +90,7 @@ def _check_prepared(law: Law, setup: Setup, about: LawContext) -> None:
     SceneError."""
     remedy = "Use no random numbers and no clock there."
     if law.identity is not None:
-        again = load_anew(setup.law_reference)
+        again = load_anew(setup.scene.controller.law)
         assert again.identity is not None
         if changed := law.identity.changed(again.identity):
             raise SceneError(
@@ -119,7 +119,7 @@ def impact_samples(setup: Setup, about: LawContext) -> np.ndarray:
     pulse = np.sin(np.clip(away / contact, 0.0, 1.0) * np.pi)
     deepest = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
     gap = np.where(away < 0, -away, np.maximum(away - contact, 0))
-    return SENSED[setup.quantity].trial(
+    return SENSED[setup.scene.sensors.quantity].trial(
         Trial(
             gap_m=gap * about.impact_speed_m_s * about.sample_s - deepest * pulse,
             force_n=about.rigid_peak_n * pulse,

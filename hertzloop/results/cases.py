@@ -66,14 +66,14 @@ class _Case:
 def _rebound_percent(case: _Case) -> float:
     """Of a rebound within the model's error nothing is a share that could be known."""
     plant, found, free = case.setup.plant, case.metrics, case.free
-    if not free.rebound_speed_m_s > case.setup.accuracy * plant.sphere.impact_speed_m_s:
+    if not free.rebound_speed_m_s > case.setup.run.accuracy * plant.sphere.impact_speed_m_s:
         return math.nan
     return 100.0 * found.rebound_height_m / free.rebound_height_m
 
 
 def _impulse_n_s(case: _Case) -> float:
     """The force of a step is its mean, so the sum is exact."""
-    return float(case.first.contact_n.sum()) * case.setup.step_s
+    return float(case.first.contact_n.sum()) * case.setup.run.step_s
 
 
 @described
@@ -158,7 +158,7 @@ def latched_us(setup: Setup, run: SimulatedRun) -> float:
     first = first_of(run.modes, ACTING) if loaded_law(setup).latches else -1
     if first < 0:
         return math.nan
-    return float(run.delays[first]) * setup.every_steps * setup.step_ns / 1000
+    return float(run.delays[first]) * setup.sensor.every_steps * setup.run.step_ns / 1000
 
 
 def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
@@ -169,7 +169,7 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     that fails; CaseFailed for numbers that are not finite; UnstableLoop, also where the law fails
     since the loop has run away.
     """
-    check_conserves(setup.scheme)
+    check_conserves(setup.run.scheme)
     try:
         setup, run = follow(setup, span)
     except LawStopped as error:
@@ -218,7 +218,7 @@ def _left_out(setup: Setup, truth: np.ndarray, impacts: list[Impact]) -> dict[Ef
     accumulator = ExtremesAccumulator(spec)
     accumulator.feed(0, truth)
     return names_by_state(
-        RunContext(setup, accumulator.result(impacts), truth.shape[1] * setup.step_s)
+        RunContext(setup, accumulator.result(impacts), truth.shape[1] * setup.run.step_s)
     )
 
 
@@ -235,8 +235,8 @@ def _metrics(
         found = impacts_of_truth(setup, truth, modes)
     if not found:
         raise SceneError(
-            f"run.duration_s = {setup.duration_s:g} ends before the first contact. Increase it, "
-            f"or reduce run.lead_in_s = {setup.lead_in_s:g}"
+            f"run.duration_s = {setup.run.duration_s:g} ends before the first contact. Increase "
+            f"it, or reduce run.lead_in_s = {setup.run.lead_in_s:g}"
         )
     if span == "impact":
         return of_impact(found[0]), found, found[0].over

@@ -142,7 +142,7 @@ def _grid_and_modes(
         return *grid[:2], _modes_of_file(spec, structure.mode_table, grid[2])
     if structure.size_m is None:
         return None
-    x, y = axes(setup.size_m or (1.0, 1.0), spec.contact_point_m, NODES)
+    x, y = axes(setup.scene.plate.size_m or (1.0, 1.0), spec.contact_point_m, NODES)
     separable = structure.separable is not None
     return x, y, (_separable_modes if separable else _edged_modes)(spec, x, y)
 

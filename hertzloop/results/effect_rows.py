@@ -82,7 +82,7 @@ def _yields(f: RunContext, x: float) -> str:
 def _reflections(f: RunContext) -> str:
     """In the model unless the plate has no edges, and that costs more than is asked for."""
     missed = f.spec.infinite_plate and not (
-        f.setup.infinite_plate.error(f.end_s - f.setup.first_touch_s) <= f.setup.accuracy
+        f.setup.infinite_plate.error(f.end_s - f.setup.first_touch_s) <= f.setup.run.accuracy
     )
     return "" if missed else "reflections, as far as they are asked for"
 
@@ -137,14 +137,18 @@ def _clipped(f: RunContext) -> float | None:
 def _actuator_mass(f: RunContext) -> float | None:
     mass = f.spec.actuator.mass_kg
     if not mass:
-        return math.nan if f.setup.has_law else None
+        return math.nan if f.setup.scene.controller.has_law else None
     return math.nan if f.local is None else mass / f.mass_that_matters_kg
 
 
 def _flight(f: RunContext) -> float | None:
     """How far the law looks above the plate, over the range of the sensor there."""
     limits = f.setup.sensor.full_scale
-    if f.setup.quantity != "xi" or not f.setup.has_law or limits is None:
+    if (
+        f.setup.scene.sensors.quantity != "xi"
+        or not f.setup.scene.controller.has_law
+        or limits is None
+    ):
         return None
     flight_m = f.flight_m()
     if flight_m == 0.0:
@@ -193,7 +197,7 @@ ROWS = (
             f"{thickness_number(f.spec.local_plate, f.run.contact_s):.2g} at 1/T: Kirchhoff's "
             f"plate may take {percent(x)} less energy than an elastic solid, and the rebound be "
             f"off by {percent(f.kirchhoff.rebound_speed)} of the impact speed (requested: "
-            f"{percent(f.setup.accuracy)})"
+            f"{percent(f.setup.run.accuracy)})"
         ),
         "energy error of thin-plate theory is {p}", of_plate=True,
     ),
@@ -203,7 +207,7 @@ ROWS = (
         lambda f, x: (
             "near the force an elastic solid deforms differently from Kirchhoff's plate with "
             f"Hertz's half space: peak force and contact time may be off by {percent(x)} "
-            f"(requested: {percent(f.setup.accuracy)})"
+            f"(requested: {percent(f.setup.run.accuracy)})"
         ),
         "peak-force error of thin-plate theory is {p}", of_plate=True,
     ),
@@ -246,7 +250,7 @@ ROWS = (
     ),
     EffectRow(
         "delay of the loop", "(latency + 1 step + 2 zeta/omega_n + sensor) / T", 0.1, math.nan,
-        lambda f: f.delay_s / f.run.contact_s if f.setup.has_law else None,
+        lambda f: f.delay_s / f.run.contact_s if f.setup.scene.controller.has_law else None,
         lambda f, x: (
             f"the delay from sample to force is {1e6 * f.delay_s:.3g} us, {percent(x)} of the "
             "contact: most laws tolerate about a tenth"
@@ -310,7 +314,7 @@ ROWS = (
         "damper behind a spring", "2.5 d R_0 F/T", None, 0.1, _damped_residual,
         lambda f, x: (
             "the contact damper ignores the deflection rate of the truncated modes: "
-            f"plate energy may be off by {percent(x)} (requested: {percent(f.setup.accuracy)})"
+            f"plate energy may be off by {percent(x)} (requested: {percent(f.setup.run.accuracy)})"
         ),
         "energy error of contact damping is {p}", "",
         lambda f: "plate.tail, a damped mode" if f.spec.damped_residual else "",

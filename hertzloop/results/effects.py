@@ -85,7 +85,7 @@ def neglected(setup: Setup, run: Extremes) -> Neglected:
 
 def neglected_of_scene(setup: Setup) -> Neglected:
     """Simulate a scene and evaluate all effects; of a very long scene, only the beginning."""
-    setup = setup.with_steps(min(setup.steps, _MOST_STEPS))
+    setup = setup.with_steps(min(setup.run.steps, _MOST_STEPS))
     truth = simulate(setup).truth
     stability, extremes = StabilityAccumulator(setup), ExtremesAccumulator(setup.plant)
     stability.feed(0, truth)
@@ -115,7 +115,7 @@ def _evaluated(
         value = row.value(context)
         if value is None:
             continue
-        threshold = context.setup.accuracy if row.threshold is None else row.threshold
+        threshold = context.setup.run.accuracy if row.threshold is None else row.threshold
         beyond = row.beyond(context) if callable(row.beyond) else row.beyond
         part = row.modelled(context) if row.modelled is not None else ""
         if part:

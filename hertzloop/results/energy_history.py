@@ -47,7 +47,7 @@ def energy_histories(
         with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
             fed = fed_j + _work(joined[F_A], joined[place])
             pushed = pushed_j + _work(joined[F_C], joined[XI_P])
-            speed = np.diff(joined[XI_S]) / setup.step_s
+            speed = np.diff(joined[XI_S]) / setup.run.step_s
             speed = np.concatenate([speed[:1], speed]) if speed.size else np.zeros(1)
             sphere = 0.5 * mass * speed**2 + mass * GRAVITY_M_S2 * joined[XI_S]
             fed_j, pushed_j = float(fed[-1]), float(pushed[-1])

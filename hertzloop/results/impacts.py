@@ -26,7 +26,7 @@ def first_impact(
     setup: Setup, truth: np.ndarray, modes: Oscillators | None = None
 ) -> ImpactMetrics | None:
     """The first of `impacts_of_truth`, to the bit, in a fraction of the time; None without one."""
-    if not SCHEMES[setup.scheme].conserves:
+    if not SCHEMES[setup.run.scheme].conserves:
         return next(_published(setup, [(0, truth)]), None)
     lasts = impact_follower(setup)
     start = impact_kernels.follow_steps(lasts, truth[F_C], truth[F_A], truth[XI])
@@ -73,7 +73,7 @@ def impacts_of_blocks(
     """The same from steps that come in blocks, in the order of their steps; each impact as soon as
     the next one starts. Where steps are missing, a run ends and another begins. `modes`: those
     among which the energy is divided, if not all of the plate."""
-    if not SCHEMES[setup.scheme].conserves:
+    if not SCHEMES[setup.run.scheme].conserves:
         return _published(setup, blocks)
     spec = setup.plant
 

@@ -83,8 +83,8 @@ def inspected(recording: Recording, against_none: bool = False) -> Inspected:
 
 def _contradiction(truth: JoinedStream, setup: Setup) -> str:
     """Say what of the time series contradicts the scene; empty if nothing does."""
-    if truth.samples and setup.step_ns != truth.step_ns:
-        steps = f"{truth.step_ns} ns, those of its scene {setup.step_ns} ns"
+    if truth.samples and setup.run.step_ns != truth.step_ns:
+        steps = f"{truth.step_ns} ns, those of its scene {setup.run.step_ns} ns"
         return f"stream 'truth' has steps of {steps}"
     lacking = NEEDED_FIELDS - set(truth.arrays)
     if truth.samples and lacking:

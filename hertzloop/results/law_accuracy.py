@@ -74,9 +74,9 @@ def simulated_law_accuracy(setup: Setup, until_s: float) -> LawAccuracy | None:
     to find (a file, edges that are not simply supported, an infinite plate, the published scheme),
     without an impact that ends by then, and where the law stops.
     """
-    steps = min(round(until_s / setup.step_s) + 3, setup.steps)
-    converges = SCHEMES[setup.scheme].converges
-    if not setup.has_law or not converges or steps > _MOST_STEPS:
+    steps = min(round(until_s / setup.run.step_s) + 3, setup.run.steps)
+    converges = SCHEMES[setup.run.scheme].converges
+    if not setup.scene.controller.has_law or not converges or steps > _MOST_STEPS:
         return None
     finer = _twice_the_modes(setup)
     if finer is None:
@@ -96,7 +96,7 @@ def simulated_law_accuracy(setup: Setup, until_s: float) -> LawAccuracy | None:
         return None
     return LawAccuracy(
         found,
-        setup.accuracy,
+        setup.run.accuracy,
         model_error.expected_error(short),
         latched_us(short, run),
         latched_us(short, other),
@@ -116,7 +116,7 @@ def _twice_the_modes(setup: Setup) -> PlantSpec | None:
     if spec.infinite_plate or spec.plate.simply_supported is None:
         return None
     # Beyond 1/(2 step) is what the steps of a held force put in, which no sample carries.
-    limit_hz = min(finer_spec(setup).frequency_limit_hz, 0.5 / setup.step_s)
+    limit_hz = min(finer_spec(setup).frequency_limit_hz, 0.5 / setup.run.step_s)
     if limit_hz <= spec.frequency_limit_hz:
         return None
     return replace(spec, frequency_limit_hz=limit_hz)

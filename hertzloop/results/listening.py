@@ -69,7 +69,7 @@ def _shapes_of(setup: Setup, omega_max: float) -> tuple[np.ndarray, np.ndarray, 
         if structure.size_m is None:
             raise SceneError(f"nothing can be heard of {structure}, which has no shapes on a grid")
         spacing_m = _half_wave_m(structure, omega_max) * 2.0 / _NODES_A_WAVE
-        x, y = (_midpoints(length, spacing_m) for length in setup.size_m or (1.0, 1.0))
+        x, y = (_midpoints(length, spacing_m) for length in setup.scene.plate.size_m or (1.0, 1.0))
         return x, y, structure.on_grid(omega_max, x, y)
     if table.grid is None:
         raise SceneError(
@@ -107,22 +107,22 @@ def _widths(x: np.ndarray) -> np.ndarray:
 def drive_of(setup: Setup, blocks: Iterable[Block]) -> Excitation:
     """Return the forces on the plate from truth in blocks. Raises SceneError for a run that
     explodes."""
-    contact, actuator = np.zeros(setup.steps), np.zeros(setup.steps)
+    contact, actuator = np.zeros(setup.run.steps), np.zeros(setup.run.steps)
     at = 0
     for _, forces in force_blocks(setup.plant, blocks):
-        end = min(at + forces.shape[1], setup.steps)
+        end = min(at + forces.shape[1], setup.run.steps)
         contact[at:end], actuator[at:end] = forces[0, : end - at], forces[2, : end - at]
         at = end
     if not (np.isfinite(contact).all() and np.isfinite(actuator).all()):
         raise SceneError("the run has numbers that are not finite; there is nothing to hear")
-    return Excitation(contact[:at], actuator[:at], setup.step_s)
+    return Excitation(contact[:at], actuator[:at], setup.run.step_s)
 
 
 def grid_of(setup: Setup, tail_s: float, slow: float = 1.0) -> Grid:
     """Return samples from the start of a run to `tail_s` after its end: so many that they sound at
     RATE_HZ when played `slow` times slower."""
     step_s = 1.0 / (RATE_HZ * slow)
-    steps = math.ceil((setup.duration_s + tail_s) / step_s / _WHOLE) * _WHOLE
+    steps = math.ceil((setup.run.duration_s + tail_s) / step_s / _WHOLE) * _WHOLE
     # The band fades out above all modes that sound: else it would take from their energy.
     up_to = min(_limit_hz(setup) / FADE_FROM, 0.45 / step_s)
     return Grid(steps, step_s, up_to)
@@ -161,7 +161,7 @@ def write_sounds(
     grid, radiator = grid_of(setup, tail_s, slow), radiator_of(setup)
     recorded = pieces_of(recording)
     runs: dict[str, Iterable[Block]] = {"without-control": recorded}
-    if setup.has_law:
+    if setup.scene.controller.has_law:
         runs = {"with-control": recorded, "without-control": free_series(setup.without_control())}
     sounds = {
         name: pressure_pa(radiator, drive_of(setup, blocks), distance_m, grid)

@@ -103,7 +103,7 @@ def metrics_of(
     stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
     extremes, push = ExtremesAccumulator(spec), ForceTimingAccumulator(spec)
     whole = None
-    if SCHEMES[setup.scheme].conserves and missing_from is None:
+    if SCHEMES[setup.run.scheme].conserves and missing_from is None:
         whole = WholeRunAccumulator(spec)
     for accumulator in (stable, asked, extremes, push, whole):
         blocks = accumulator.through(blocks) if accumulator else blocks
@@ -130,7 +130,7 @@ def metrics_of(
 @lru_cache(maxsize=4)
 def free_metrics(setup: Setup) -> Metrics | None:
     """Simulate the same run without control, on the same plate model; None without a law."""
-    if not setup.has_law:
+    if not setup.scene.controller.has_law:
         return None
     without = setup.without_control(same_plate=True)
     return metrics_of(without, free_series(without))

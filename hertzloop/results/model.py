@@ -62,7 +62,7 @@ class PlantParts:
 
 def chosen_model(setup: Setup) -> PlateModel | None:
     """Return the plate model of a run; None for the published scheme, which has all modes."""
-    if not SCHEMES[setup.scheme].limits_modes:
+    if not SCHEMES[setup.run.scheme].limits_modes:
         return None
     local = setup.plant.plate.local_plate
     return PlateModel(
@@ -73,7 +73,7 @@ def chosen_model(setup: Setup) -> PlateModel | None:
 
 def step_limit_hz(setup: Setup) -> float:
     """Return the limit of the modes that the step supports and the structure knows, Hz."""
-    plate, limit_hz = setup.plant.plate, 0.5 / setup.step_s
+    plate, limit_hz = setup.plant.plate, 0.5 / setup.run.step_s
     return limit_hz if plate.mode_table is not None else min(limit_hz, plate.highest_hz)
 
 
@@ -91,7 +91,7 @@ def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
         `pressure_pa`; `given`, whether the scene states it; and `by`, otherwise the `body` that
         yields with the fields of `YieldPressure`.
     """
-    limit = setup.contact.limit
+    limit = setup.mechanics.contact.limit
     if limit is None:
         return None
     given = setup.scene.contact.limiting_pressure_pa is not None
@@ -115,7 +115,7 @@ def parts_of(setup: Setup, balance: EnergyBalance) -> PlantParts:
 def structure_summary(setup: Setup) -> dict[str, Any]:
     """Return `name` and `closed_form` of the structure, and the quality of its modes as in
     `RitzAccuracy` and `ModalStructure.mobility_ratio`."""
-    what = setup.structure
+    what = setup.mechanics.structure
     if what.quality is None:
         plain = what.simply_supported is not None
         return {"name": "a simply supported plate" if plain else str(what), "closed_form": True}

@@ -84,7 +84,7 @@ def known_impacts(
     Returns:
         The errors of each impact; None for fewer than two impacts and for the published scheme.
     """
-    if len(impacts) < 2 or not SCHEMES[setup.scheme].converges:
+    if len(impacts) < 2 or not SCHEMES[setup.run.scheme].converges:
         return None
     others = _impacts(setup, DISTURBANCE)
     run = [] if in_lock_step else _impacts(setup)[: len(impacts)]
@@ -171,7 +171,7 @@ def whole_run_known(setup: Setup) -> bool:
     try:
         for run in (setup, setup.without_control(same_plate=True)):
             impacts = [one.impact for one in impacts_of_blocks(run, closed_loop_truth(run))]
-            known = known_impacts(run, impacts, setup.accuracy)
+            known = known_impacts(run, impacts, setup.run.accuracy)
             if not later_impacts_known(impacts, known):
                 return False
     except SceneError:
@@ -182,7 +182,7 @@ def whole_run_known(setup: Setup) -> bool:
 def horizon_step(setup: Setup, tolerance: float) -> int | None:
     """Return the first step at which two processors may differ by more than `tolerance` of a
     field's largest value; None if they agree to the end. Raises SceneError."""
-    if not SCHEMES[setup.scheme].converges:
+    if not SCHEMES[setup.run.scheme].converges:
         return None
     allowed = tolerance * DISTURBANCE / ROUNDING
     largest = 0.0 * next(closed_loop_truth(setup))[1][:, 0]
@@ -245,7 +245,7 @@ def predictability(
     """
     error, without = result.expected_error, setup.without_control(same_plate=True)
     free_error = error if free_error is None else free_error
-    if not SCHEMES[setup.scheme].converges:  # no finer model tells an error from its numbers
+    if not SCHEMES[setup.run.scheme].converges:  # no finer model tells an error from its numbers
         error = free_error = None
 
     own = other = None
@@ -257,7 +257,7 @@ def predictability(
             )
         except SceneError as stopped:  # the law, in the disturbed run
             not_repeatable = NotRepeatable(WhyNotRepeatable.LAW_STOPPED, error=str(stopped))
-    if not setup.has_law:
+    if not setup.scene.controller.has_law:
         other = own
     elif free_error is not None and free is not None:
         other = known_impacts(without, free.impacts, free_error, noise=free.noise)

@@ -38,10 +38,10 @@ class PublishedWindow:
         from hertzloop.plant.schemes.thesis2008 import relative_speed_m_s, sampled  # seldom: 1 ms
 
         setup, v0 = self.setup, self.speeds[-1]
-        spec, h = setup.plant, setup.step_s
+        spec, h = setup.plant, setup.run.step_s
         xi, f_a, f_c = np.concatenate(self._parts, axis=1)
         touched = len(xi) - self._ended
-        known = setup.steps if setup.steps <= _GREEN_STEPS else len(xi)
+        known = setup.run.steps if setup.run.steps <= _GREEN_STEPS else len(xi)
         modes, (_, green_v, _) = sampled(
             spec.simply_supported, spec.contact_point_m, h, max(known, len(xi)) + 2
         )

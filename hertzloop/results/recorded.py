@@ -41,7 +41,7 @@ def blocks_of(recording: Recording) -> Iterator[Block]:
 def missing_from(recording: Recording, setup: Setup) -> int | None:
     """Return the first missing step of a run, where its metrics end; None if it has all steps."""
     known = recording.truth.from_start().samples
-    return known if known < setup.steps else None
+    return known if known < setup.run.steps else None
 
 
 def pieces_of(recording: Recording) -> Iterator[Block]:
@@ -110,7 +110,7 @@ def law_of(recording: Recording) -> RecordedLaw:
 def _law_of_scene(recording: Recording) -> str | None:
     """Of recordings that do not say more."""
     try:
-        return parse(recording.scene_toml, recorded=True).law_reference
+        return parse(recording.scene_toml, recorded=True).scene.controller.law
     except (SceneError, RecursionError):
         return None
 

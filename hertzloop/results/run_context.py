@@ -75,11 +75,11 @@ class RunContext:
         self.setup, self.run, self.spec = setup, run, setup.plant
         lasts_s, peak_n = _short(run.contact_s), _short(run.force_n)
         # From a sample to the force that it causes.
-        line_s = setup.step_s * (1 + setup.line.dead_steps) + 1e-6 * setup.latency_us
+        line_s = setup.run.step_s * (1 + setup.signal_path.dead_steps) + 1e-6 * setup.latency_us
         self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
         self.static = static_context(self.spec, setup.mechanics)
         self.local = self.static.local
-        self.end_s = setup.duration_s if end_s is None else end_s
+        self.end_s = setup.run.duration_s if end_s is None else end_s
         self.after_touch_s = self.end_s - run.touched_s
         self.touched = run.force_n > 0.0 and run.contact_s > 0.0
         if not self.touched:  # without a contact, no effect applies
@@ -93,9 +93,9 @@ class RunContext:
         if self.local is None:
             return
         self.thickness_periods = criteria.thickness_periods(self.local, run.contact_s)
-        if setup.size_m is not None and self.spec.plate.mode_table is None:
+        if setup.scene.plate.size_m is not None and self.spec.plate.mode_table is None:
             self.first_return_s = criteria.first_return_s(
-                self.local, setup.size_m, self.spec.contact_point_m, run.contact_s
+                self.local, setup.scene.plate.size_m, self.spec.contact_point_m, run.contact_s
             )
         self.kirchhoff: KirchhoffError = kirchhoff_error(
             self.local, contact.stiffness, lasts_s, peak_n

@@ -40,15 +40,15 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
     the accuracy until the impact is over."""
     touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
     # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
-    for most_s in (_SOON * quiet * setup.step_s, math.inf):
+    for most_s in (_SOON * quiet * setup.run.step_s, math.inf):
         lasts_s = setup.infinite_plate.lasts_s(most_s)
-        steps = int((touch_s + lasts_s) / setup.step_s)
+        steps = int((touch_s + lasts_s) / setup.run.step_s)
         # An impact that lasts a step at least is not over earlier.
-        may_be_over = steps - int(touch_s / setup.step_s) >= quiet
-        if lasts_s > 0.0 and (may_be_over or steps >= setup.steps):
+        may_be_over = steps - int(touch_s / setup.run.step_s) >= quiet
+        if lasts_s > 0.0 and (may_be_over or steps >= setup.run.steps):
             infinite = setup.with_plate_model("infinite")
-            found = simulate(infinite, impact_only=True, steps=min(steps, setup.steps))
-            if found.over or steps >= setup.steps:
+            found = simulate(infinite, impact_only=True, steps=min(steps, setup.run.steps))
+            if found.over or steps >= setup.run.steps:
                 return infinite, found
         if lasts_s < most_s:
             break
@@ -57,11 +57,11 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
 
 def _until_over(setup: Setup) -> SimulatedRun:
     """Simulate until the first impact is over, the run's end at the latest."""
-    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.about_mechanics.rigid_contact_s
-    while first < lasts_s / setup.step_s + setup.line.latency_steps + quiet_steps(setup):
+    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.law.rigid_contact_s
+    while first < lasts_s / setup.run.step_s + setup.signal_path.latency_steps + quiet_steps(setup):
         first *= 4
-    steps = round(setup.lead_in_s / setup.step_s) + first
-    while steps < setup.steps:
+    steps = round(setup.run.lead_in_s / setup.run.step_s) + first
+    while steps < setup.run.steps:
         found = simulate(setup, impact_only=True, steps=steps)
         if found.over:
             return found

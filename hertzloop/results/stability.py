@@ -79,7 +79,7 @@ class StabilityAccumulator(Accumulator):
         return Stability(
             unstable=unstable,
             pumps=pumps,
-            since_s=since * self.setup.step_s if since >= 0 and (unstable or pumps) else None,
+            since_s=since * self.setup.run.step_s if since >= 0 and (unstable or pumps) else None,
             most_injected=most_j / self.impact_j,
             fed_in=fed_j / self.impact_j,
             largest_force_n=largest_n,

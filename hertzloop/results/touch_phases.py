@@ -84,17 +84,17 @@ def at_other_phases(setup: Setup, result: RunResult, known: Predictability) -> O
     """
     metrics = result.metrics
     if (
-        not setup.has_law
+        not setup.scene.controller.has_law
         or metrics.first_impact is None
         or metrics.stability.unstable
         or known.not_repeatable
     ):
         return SAME_PHASE
     own = setup.with_plate_model(setup.plate_model)
-    others = [phase for phase in phases() if abs(phase - setup.touch_phase) > 1e-9]
+    others = [phase for phase in phases() if abs(phase - setup.run.phase) > 1e-9]
     if own.refusal({TOUCH_PHASE_KEY: others[0]}):  # the run does not begin in flight
         return SAME_PHASE
-    work = setup.steps * (len(modes_of(setup.plant).omega) + _STEP_WORK)
+    work = setup.run.steps * (len(modes_of(setup.plant).omega) + _STEP_WORK)
     whole = (
         result.complete
         and metrics.whole_run is not None
@@ -104,7 +104,7 @@ def at_other_phases(setup: Setup, result: RunResult, known: Predictability) -> O
     try:
         found = [_at_phase(own, phase, whole) for phase in others]
         if result.late:
-            in_lock_step = _at_phase(own, setup.touch_phase, whole)
+            in_lock_step = _at_phase(own, setup.run.phase, whole)
             ran = _spans(metrics.first_impact, metrics.noise[0], metrics.whole_run)
             found = [_shifted(one, in_lock_step, ran) for one in found]
     except SceneError:  # the law stops at another phase, or a phase has no impact

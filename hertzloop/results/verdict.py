@@ -165,7 +165,7 @@ def assess_recording(
     pacing = pacing_of(recording)
     result = recorded_result(setup, recording, metrics, law, pacing)
     found = assess(setup, result, free, not_repeatable)
-    return RunAssessment(law, yield_of(recording.balance), setup.accuracy, pacing, free, found)
+    return RunAssessment(law, yield_of(recording.balance), setup.run.accuracy, pacing, free, found)
 
 
 def assess(

@@ -59,9 +59,9 @@ def verify(setup: Setup, truth: np.ndarray) -> Verification | None:
 
 def check_verifiable(setup: Setup) -> None:
     """Raise SceneError where the finer plant cannot be computed."""
-    if not SCHEMES[setup.scheme].converges:
+    if not SCHEMES[setup.run.scheme].converges:
         raise SceneError(
-            f"run.scheme = '{setup.scheme}' does not converge and cannot be verified. "
+            f"run.scheme = '{setup.run.scheme}' does not converge and cannot be verified. "
             f"Use {supporting('converges')}."
         )
     fine = finer_spec(setup)
@@ -72,7 +72,7 @@ def check_verifiable(setup: Setup) -> None:
             f"--verify needs about {modes:.2g} modes of the plate up to "
             f"{fine.frequency_limit_hz:.3g} Hz; the limit is {MOST_MODES}. Remove --verify, or "
             f"use a smaller or thicker plate than plate.size_m = "
-            f"{list(setup.size_m or ())} with plate.thickness_m = "
+            f"{list(setup.scene.plate.size_m or ())} with plate.thickness_m = "
             f"{local.thickness_m if local else math.nan:g}"
         )
 
@@ -87,7 +87,7 @@ def finer_spec(setup: Setup) -> PlantSpec:
         spec,
         step_s=spec.step_s / 2,
         frequency_limit_hz=limit_hz,
-        residual_flexibility=SCHEMES[setup.scheme].supports_truncated_modes,
+        residual_flexibility=SCHEMES[setup.run.scheme].supports_truncated_modes,
         infinite_plate=False,
     )
 
@@ -97,7 +97,7 @@ def against(setup: Setup, truth: np.ndarray, fine: PlantSpec) -> Verification | 
     until = past_first_impact(setup, truth)
     if until is None:
         return None
-    times = round(setup.step_s / fine.step_s)
+    times = round(setup.run.step_s / fine.step_s)
     finer_truth = finer_loop(setup, started_as(setup, fine), until, times)
     return changes(setup, truth[:, :until], finer_truth, fine)
 
@@ -119,7 +119,7 @@ def past_first_impact(setup: Setup, truth: np.ndarray) -> int | None:
 
 def started_as(setup: Setup, fine: PlantSpec) -> Plant:
     """A finer plant at the start of a scene's run."""
-    plant = built(fine, setup.scheme).at_start(setup.touch_phase)
+    plant = built(fine, setup.run.scheme).at_start(setup.run.phase)
     coarse = build_plant(setup, setup.plant)
     plant.state.body[_START] = coarse.state.body[_START]
     return plant
@@ -136,7 +136,7 @@ def changes(
     by_finer = impacts_in(fine, finer_truth[:, : finer_truth.shape[1] + 1 - times])
     if not by_finer:
         return None
-    contact = math.ceil((coarse_impact.start_s + coarse_impact.duration_s) / setup.step_s) + 2
+    contact = math.ceil((coarse_impact.start_s + coarse_impact.duration_s) / setup.run.step_s) + 2
     gap, finer = truth[XI, :contact], finer_truth[XI, ::times][:contact]
     energy = by_finer[0].plate_energy_j
     change = by_finer[0].rebound_speed_m_s - coarse_impact.rebound_speed_m_s

@@ -26,7 +26,7 @@ def build_plant(
     if not flight:
         check_modes_reach_impact(spec)
     try:
-        return plant_at_start(spec, setup.scheme, steps or setup.steps, setup.touch_phase)
+        return plant_at_start(spec, setup.run.scheme, steps or setup.run.steps, setup.run.phase)
     except ValueError as error:
         raise SceneError(str(error)) from error
 
@@ -59,10 +59,10 @@ def check_modes_reach_impact(spec: PlantSpec) -> None:
 def build_sensor(setup: Setup, steps: int | None = None) -> Sensor:
     """The data-acquisition channel at the start of the run, for as many `steps` as are to be run,
     by default all."""
-    return Sensor(setup.sensor, setup.step_s, steps or setup.steps, setup.seed)
+    return Sensor(setup.sensor, setup.run.step_s, steps or setup.run.steps, setup.run.seed)
 
 
 def free_series(setup: Setup) -> Iterator[tuple[int, np.ndarray]]:
     """Simulate the plant alone, without any force of the actuator; its time series in blocks:
     first step, and an array of shape (10, steps of the block)."""
-    return ts.free_series(build_plant(setup), setup.steps)
+    return ts.free_series(build_plant(setup), setup.run.steps)

@@ -39,21 +39,27 @@ def build_controller(setup: Setup, ahead: bool = True, steps: int | None = None)
 
     A law that is not shipped has its promises compared with its commands, whoever asks for them.
     """
-    bound = bound_law(setup, ahead or not setup.law_is_shipped)
-    steps = steps or setup.steps
-    return Controller(bound, setup.line, setup.step_s, steps, setup.every_steps, setup.seed)
+    bound = bound_law(setup, ahead or not setup.scene.controller.law_is_shipped)
+    steps = steps or setup.run.steps
+    return Controller(
+        bound, setup.signal_path, setup.run.step_s, steps, setup.sensor.every_steps, setup.run.seed
+    )
 
 
 def mean_latency_us(setup: Setup) -> float:
     """Mean latency of the force that acts, us; see `mean_latency_steps`."""
-    steps = mean_latency_steps(setup.line, setup.steps, setup.every_steps, setup.seed)
-    return 1e6 * setup.step_s * steps
+    steps = mean_latency_steps(
+        setup.signal_path, setup.run.steps, setup.sensor.every_steps, setup.run.seed
+    )
+    return 1e6 * setup.run.step_s * steps
 
 
 def latencies_us(setup: Setup) -> np.ndarray:
     """Return the latency of each command, us, shape (samples,); see `latency_steps`."""
-    steps = latency_steps(setup.line, setup.steps, setup.every_steps, setup.seed)
-    return steps * (setup.step_ns / 1000)
+    steps = latency_steps(
+        setup.signal_path, setup.run.steps, setup.sensor.every_steps, setup.run.seed
+    )
+    return steps * (setup.run.step_ns / 1000)
 
 
 def law_context(setup: Setup) -> LawContext:
@@ -62,23 +68,13 @@ def law_context(setup: Setup) -> LawContext:
     A law that is computed beforehand asks for the contact force without control, which is a
     simulation of the plant alone.
     """
-    return replace(
-        setup.about_mechanics,
-        converter_step=setup.converter_step,
-        uncontrolled_force_n=lambda: uncontrolled_force_n(setup),
-    )
+    return replace(setup.law, uncontrolled_force_n=lambda: uncontrolled_force_n(setup))
 
 
 def bound_law(setup: Setup, ahead: bool = True) -> BoundLaw:
     """Return the law with its constants; without `ahead` its commands alone. Raises SceneError."""
     # All that the contact force without control follows from, which `about` does not show.
-    free = (
-        setup.with_edges,
-        setup.touch_phase,
-        setup.scheme,
-        setup.scene.run.plate_model,
-        setup.accuracy,
-    )
+    free = setup.scene.plate.tail, setup.run.replaced(seed=0, touch_phase=setup.run.phase)
     table = setup.scene.controller
     return _bound(loaded_law(setup), table, law_context(setup), setup.mechanics, free, ahead)
 
@@ -102,12 +98,12 @@ def law_flight_m(setup: Setup) -> float:
     """Return how far above the plate the law has to see the sphere, m: what it flies in the latency
     and the law's window; zero of a law that waits for the contact, or is not shipped. Raises
     SceneError."""
-    if not setup.law_is_shipped:  # a recording must not have others called
+    if not setup.scene.controller.law_is_shipped:  # a recording must not have others called
         return 0.0
     level = bound_law(setup).waits_above
     if not 0.0 < level < math.inf:
         return 0.0
-    known = setup.about_mechanics
+    known = setup.law
     window = getattr(setup.scene.controller.keys, "window_samples", 1) * known.sample_s
     return min(level, known.impact_speed_m_s * (known.loop_delay_s + window))
 

@@ -69,6 +69,16 @@ class ControllerTable(SceneTable):
         return known or find(self.law, self.law_digest)
 
     @property
+    def has_law(self) -> bool:
+        """Whether there is control at all."""
+        return self.law != NO_CONTROL
+
+    @property
+    def law_is_shipped(self) -> bool:
+        """Whether the law comes with hertzloop."""
+        return self.law in shipped_laws()
+
+    @property
     def keys(self) -> Any:
         """The law's own keys."""
         given = self.__pydantic_extra__ or {}

@@ -13,10 +13,10 @@ def value_of_key(setup: Setup, key: str) -> Any:
     A limiting pressure, a loss factor and properties of a material may follow from other keys.
     """
     table, _, last = key.partition(".")
-    if key == "contact.limiting_pressure_pa" and setup.contact.limit is not None:
-        return setup.contact.limit.pressure_pa
+    if key == "contact.limiting_pressure_pa" and setup.mechanics.contact.limit is not None:
+        return setup.mechanics.contact.limit.pressure_pa
     if key == "plate.loss_factor":
-        plate = setup.structure.local_plate
+        plate = setup.mechanics.structure.local_plate
         return None if plate is None else plate.eta
     if key == "contact.stiffness_factor":
         return setup.scene.contact.stiffness_factor or 1.0

@@ -12,6 +12,7 @@ from hertzloop.plant.contact.yielding import yield_depth_m
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
+from hertzloop.sensors.acquisition import SensorSpec
 
 
 def law_force_bound(table: ControllerTable) -> ForceBound:
@@ -33,35 +34,26 @@ def _law_force_bound(table: ControllerTable, law: Law) -> ForceBound:
 
 
 @lru_cache(maxsize=16)
-def about_impact(mechanics: Mechanics, s: float) -> LawContext:
-    """What a law may know of the bodies alone, with the contact stiffness `s`, N/m^1.5."""
-    m, v = mechanics.sphere.mass_kg, mechanics.sphere.impact_speed_m_s
-    local = mechanics.structure.local_plate
-    rigid = mechanics.rigid
-    if s != mechanics.contact.stiffness:
-        rigid = rigid_impact(mechanics.sphere, replace(mechanics.contact, stiffness=s))
+def resolve_law(
+    mechanics: Mechanics, stiffness: float, path: SignalPath, sensor: SensorSpec, step_ns: int
+) -> LawContext:
+    """What a law may know without a simulation; `stiffness` of the contact, N/m^1.5."""
+    local, limit_n, rigid = mechanics.structure.local_plate, path.full_scale_n, mechanics.rigid
+    if stiffness != mechanics.contact.stiffness:
+        contact = replace(mechanics.contact, stiffness=stiffness)
+        rigid = rigid_impact(mechanics.sphere, contact)
     return LawContext(
-        stiffness=s,
-        sphere_mass_kg=m,
-        impact_speed_m_s=v,
+        step_ns=step_ns,
+        every_steps=sensor.every_steps,
+        # The force of a sample acts one step after it at the earliest.
+        loop_delay_steps=1 + path.latency_steps,
+        stiffness=stiffness,
+        sphere_mass_kg=mechanics.sphere.mass_kg,
+        impact_speed_m_s=mechanics.sphere.impact_speed_m_s,
         impedance_n_s_m=local.infinite_plate_impedance_n_s_m if local else math.nan,
         rigid_contact_s=rigid.contact_s,
         rigid_peak_n=rigid.peak_n,
-        yield_depth_m=yield_depth_m(mechanics.contact),
-    )
-
-
-@lru_cache(maxsize=16)
-def about_mechanics(
-    mechanics: Mechanics, stiffness: float, line: SignalPath, step_ns: int, every_steps: int
-) -> LawContext:
-    """What a law may know without a simulation and without the range of the converter."""
-    limit_n = line.full_scale_n
-    return replace(
-        about_impact(mechanics, stiffness),
-        step_ns=step_ns,
-        every_steps=every_steps,
-        # The force of a sample acts one step after it at the earliest.
-        loop_delay_steps=1 + line.latency_steps,
+        converter_step=sensor.converter_step,
         limit_n=math.inf if limit_n is None else limit_n,
+        yield_depth_m=yield_depth_m(mechanics.contact),
     )

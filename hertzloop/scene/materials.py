@@ -19,6 +19,11 @@ from hertzloop.scene.errors import quoted_path, shortened, shown
 from hertzloop.scene.tables import MaterialKey, MaterialTable
 
 
+def material_name(given: MaterialKey) -> str:
+    """Name of a material; "" for numbers without a name."""
+    return given if isinstance(given, str) else given.name or ""
+
+
 def material_values(table: Mapping[str, Any]) -> dict[str, Any]:
     """A material's table without its name."""
     return {key: value for key, value in table.items() if key != "name" and value is not None}

@@ -10,7 +10,7 @@ def expected_error(setup: Setup) -> float:
     reflections, is expected to cost; under a law at least what the steps of its force do."""
     spec = setup.plant
     if spec.infinite_plate:
-        return setup.infinite_plate.error(setup.duration_s - setup.first_touch_s)
+        return setup.infinite_plate.error(setup.run.duration_s - setup.first_touch_s)
     found = error_of_modes(
         spec.sphere,
         spec.plate,
@@ -21,5 +21,6 @@ def expected_error(setup: Setup) -> float:
     )
     if not spec.residual_flexibility or spec.frequency_limit_hz == 0.0:  # modes of a rigid body
         return found
-    hold_s = setup.step_s * setup.every_steps
-    return max(found, law_error(spec, setup.force_bound.force_n, setup.force_bound.share, hold_s))
+    bound = setup.infinite_plate.force_bound
+    hold_s = setup.run.step_s * setup.sensor.every_steps
+    return max(found, law_error(spec, bound.force_n, bound.share, hold_s))

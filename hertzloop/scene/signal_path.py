@@ -8,25 +8,25 @@ from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.tables import ActuatorTable, SensorsTable
 
 
-def keeps_force_smooth(control: ControllerTable, sensors: SensorsTable, line: SignalPath) -> bool:
-    """Whether sensor and line neither lose a command nor make steps in a law's force."""
+def keeps_force_smooth(control: ControllerTable, sensors: SensorsTable, path: SignalPath) -> bool:
+    """Whether sensor and signal path neither lose a command nor make steps in a law's force."""
     return (
         sensors.bits == control.bits == "ideal"
         and sensors.every_steps == 1
         and sensors.noise_rms == control.jitter_us == 0.0
         and sensors.fault is None
-        and not line.varies
-        and line.stuck_step is None
+        and not path.varies
+        and path.stuck_step is None
         and control.drop_out_probability == 0.0
         and control.slew_n_s is None
     )
 
 
 @lru_cache(maxsize=16)
-def resolve_line(
+def resolve_signal_path(
     table: ControllerTable, actuator: ActuatorTable, every_steps: int, step_ns: int
 ) -> SignalPath:
-    """The line from the law to the actuator."""
+    """The signal path from the law to the actuator."""
 
     def steps(time_us: float) -> int:
         return round(time_us * 1000 / step_ns)

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, WrapValidator, field_validator
 
 from hertzloop.common.number_fields import refuse_no_numbers
@@ -284,6 +285,9 @@ class ActuatorTable(SceneTable):
     _no_mass = field_validator("mass_kg", mode="before")(_none_of_zero)
 
 
+PHASE_STREAM = 4  # random stream of the touch phase; sensor and controller have others
+
+
 class RunTable(SceneTable):
     """Length, scheme, step, accuracy and seed. The run starts `lead_in_s` before the first
     contact. `plate_model`: the plate's modes, an infinite plate, or ("auto") the infinite one
@@ -311,6 +315,14 @@ class RunTable(SceneTable):
     def step_s(self) -> float:
         """Length of a step, s."""
         return self.step_ns * 1e-9
+
+    @property
+    def phase(self) -> float:
+        """Part of a step from the last sample above the plate to the first touch."""
+        if self.touch_phase != "random":
+            return self.touch_phase
+        key = [self.seed, PHASE_STREAM]
+        return float(np.random.Generator(np.random.Philox(key=key)).random())
 
     @property
     def steps(self) -> int:

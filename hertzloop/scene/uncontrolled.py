@@ -27,9 +27,9 @@ def uncontrolled_force_n(setup: Setup) -> np.ndarray:
     found, followed_s = _uncontrolled_force_n(setup.without_control().plant_only())
     if found is None:
         raise LawError(
-            f"controller.law = '{setup.law_reference}' needs the contact force without control, "
-            f"but the first contact does not end within {followed_s:g} s. Use a harder plate, "
-            "less contact.viscous_n_s_m, or another law."
+            f"controller.law = '{setup.scene.controller.law}' needs the contact force without "
+            f"control, but the first contact does not end within {followed_s:g} s. Use a harder "
+            "plate, less contact.viscous_n_s_m, or another law."
         )
     return found
 
@@ -37,17 +37,17 @@ def uncontrolled_force_n(setup: Setup) -> np.ndarray:
 @lru_cache(maxsize=16)
 def _uncontrolled_force_n(free: Setup) -> tuple[np.ndarray | None, float]:
     """The force, None of a contact that lasts too long; how long it was followed, s."""
-    published = not SCHEMES[free.scheme].conserves
-    steps, lead_s = _FIRST_STEPS, free.lead_in_s
+    published = not SCHEMES[free.run.scheme].conserves
+    steps, lead_s = _FIRST_STEPS, free.run.lead_in_s
     while steps <= (_MOST_PUBLISHED if published else _MOST_STEPS):
-        run = free.scene.run.replaced(duration_s=lead_s + steps * free.step_s)
+        run = free.scene.run.replaced(duration_s=lead_s + steps * free.run.step_s)
         short = resolve(free.scene.replaced(run=run))
-        truth = ts.series_under(build_plant(short), np.zeros(short.steps))
-        found = first_contact_force_n(truth, free.contact.stiffness, published)
+        truth = ts.series_under(build_plant(short), np.zeros(short.run.steps))
+        found = first_contact_force_n(truth, free.mechanics.contact.stiffness, published)
         if found is not None:
-            return found, steps * free.step_s
+            return found, steps * free.run.step_s
         steps *= 4
-    return None, steps / 4 * free.step_s
+    return None, steps / 4 * free.run.step_s
 
 
 def first_contact_force_n(

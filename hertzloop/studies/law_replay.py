@@ -23,7 +23,7 @@ class ForceComparison:
 def scene_with(recording: Recording, law: str, settings: dict[str, object]) -> Setup:
     """The recorded scene with another law, and other keys. Raises SceneError."""
     setup = parse(recording.scene_toml, recorded=True)
-    fixed = {"sensors.quantity": setup.quantity}
+    fixed = {"sensors.quantity": setup.scene.sensors.quantity}
     return setup.vary({"controller.law": law, **fixed, **settings})
 
 
@@ -42,4 +42,4 @@ def replay_law(recording: Recording, setup: Setup) -> ForceComparison:
     other, recorded = other[:count].copy(), recorded[:count]
     differing = np.flatnonzero(other.view(np.int64) != recorded.view(np.int64))
     first = int(differing[0]) if len(differing) else None
-    return ForceComparison(recorded, other, first, setup.step_s)
+    return ForceComparison(recorded, other, first, setup.run.step_s)

@@ -38,19 +38,19 @@ def run_table(report: RunReport) -> Table:
 def _run_words(report: RunReport) -> str:
     """State scene, seed, transport, law and scheme."""
     setup = report.setup
-    note = SCHEMES[setup.scheme].note
-    scheme = f"; scheme {setup.scheme}: {note}" if note else ""
+    note = SCHEMES[setup.run.scheme].note
+    scheme = f"; scheme {setup.run.scheme}: {note}" if note else ""
     law = law_line(report.assessed.law)
-    return f"{setup.name}, seed {setup.seed}, {report.transport}; law {law}{scheme}"
+    return f"{setup.scene.name}, seed {setup.run.seed}, {report.transport}; law {law}{scheme}"
 
 
 def _time_words(report: RunReport) -> str:
     """State steps, wall time, exchanges and the time by role."""
     setup, wall_s = report.setup, report.wall_s
-    factor = setup.duration_s / wall_s if wall_s else math.inf
-    rate = setup.steps / max(wall_s, 1e-9)
+    factor = setup.run.duration_s / wall_s if wall_s else math.inf
+    rate = setup.run.steps / max(wall_s, 1e-9)
     words = [
-        f"{setup.steps:,} steps in {wall_s:.4g} s, {factor:.3g} times real time, "
+        f"{setup.run.steps:,} steps in {wall_s:.4g} s, {factor:.3g} times real time, "
         f"{rate:,.0f} steps/s",
         f"exchanges: {_exchanges(report)}",
         f"time by role: {_time_by_role(report)}",
@@ -106,14 +106,14 @@ def _actuator_words(report: RunReport) -> str:
 
 def mean_latency_words(setup: Setup) -> str:
     """State the mean latency of the force that acts; empty if every command has the same."""
-    line = setup.line
+    line = setup.signal_path
     if not (line.varies or line.trace or line.drop_out_probability):
         return ""
     mean_us = mean_latency_us(setup)
     if math.isnan(mean_us):
         return "no command acts within the run"
     if ppm := setup.scene.controller.clock_ppm:
-        beat_s = 1e6 * setup.every_steps * setup.step_s / abs(ppm)
+        beat_s = 1e6 * setup.sensor.every_steps * setup.run.step_s / abs(ppm)
         return (
             f"{mean_us:.1f} us of the force that acts: the controller's clock drifts by a sampling "
             f"period in {beat_s:.3g} s"

@@ -7,6 +7,7 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.recorded import law_of
 from hertzloop.scene.keys import unit_of
 from hertzloop.scene.loading import shipped
+from hertzloop.scene.materials import material_name
 from hertzloop.scene.setup import Setup, load
 from hertzloop.views.law_line import law_line, law_words
 
@@ -42,31 +43,28 @@ def differences(a: Setup, b: Setup) -> list[tuple[str, Any, Any]]:
 def closest_shipped(setup: Setup) -> tuple[str, list[tuple[str, Any, Any]]]:
     """Return the shipped scene that differs least from a scene, and the differences."""
     known = [(name, differences(setup, load(name))) for name in shipped()]
-    return min(known, key=lambda found: (found[0] != setup.name, len(found[1])))
+    return min(known, key=lambda found: (found[0] != setup.scene.name, len(found[1])))
 
 
 def bodies(setup: Setup) -> str:
     """Return sphere and structure in words, for example "R = 3 mm, steel, on 3 mm aluminium"."""
-    ball = f"R = {1e3 * setup.sphere.radius_m:g} mm, {_material_words(setup.sphere_material)}"
-    structure = setup.structure
+    sphere, structure = setup.mechanics.sphere, setup.mechanics.structure
+    of_sphere, of_plate = (
+        material_name(table.material).replace("_", " ") or "own material"
+        for table in (setup.scene.sphere, setup.scene.plate)
+    )
+    ball = f"R = {1e3 * sphere.radius_m:g} mm, {of_sphere}"
     if structure.mode_table is not None:
         return f"{ball}, on a structure from a file of modes"
     if structure.local_plate is None:
         return f"{ball}, on {structure}"
-    plate = (
-        f"{1e3 * structure.local_plate.thickness_m:g} mm {_material_words(setup.plate_material)}"
-    )
-    return f"{ball}, on {plate}"
-
-
-def _material_words(name: str) -> str:
-    return name.replace("_", " ") or "own material"
+    return f"{ball}, on {1e3 * structure.local_plate.thickness_m:g} mm {of_plate}"
 
 
 def control(setup: Setup) -> str:
     """Return law, parameters, latency and converters: "slope_threshold, kappa 0.8, ..."."""
     table = setup.scene.controller
-    if not setup.has_law:
+    if not setup.scene.controller.has_law:
         return "no control"
     pieces = [table.law]
     for key, value in table.model_dump(exclude_none=True).items():
@@ -84,8 +82,8 @@ def control(setup: Setup) -> str:
     pieces.append(_bits("sensor", setup.scene.sensors.bits))
     if table.bits != "ideal":
         pieces.append(_bits("actuator", table.bits))
-    if setup.every_steps > 1:
-        period = setup.every_steps * setup.step_ns / 1000
+    if setup.sensor.every_steps > 1:
+        period = setup.sensor.every_steps * setup.run.step_ns / 1000
         pieces.append(f"a sample every {period:g} us")
     return ", ".join(pieces)
 
@@ -109,11 +107,15 @@ def _bits(where: str, bits: int | str) -> str:
 def description(setup: Setup, recording: Recording) -> list[str]:
     """Describe a run in lines of Markdown."""
     name, changed = closest_shipped(setup)
-    given = setup.sphere.given_speed_m_s
-    hit = f"drop {1e3 * setup.sphere.drop_height_m:g} mm" if given is None else f"{given:g} m/s"
+    given = setup.mechanics.sphere.given_speed_m_s
+    hit = (
+        f"drop {1e3 * setup.mechanics.sphere.drop_height_m:g} mm"
+        if given is None
+        else f"{given:g} m/s"
+    )
     lines = [f"{bodies(setup)}, {hit}", control(setup)]
     law = law_of(recording)
-    if law.law and law.law != setup.law_reference:
+    if law.law and law.law != setup.scene.controller.law:
         lines.append(f"Law that ran: {law_line(law)}")
     if changed:
         listed = [f"{key} = {_value(own)} ({_value(theirs)})" for key, own, theirs in changed[:8]]

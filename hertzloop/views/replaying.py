@@ -106,7 +106,7 @@ def prepare(
     sentences: list[str] = []
     if other is not None:
         reference, lines = _other_recording(recording, setup, contacts, other)
-    elif not alone and setup.has_law:
+    elif not alone and setup.scene.controller.has_law:
         try:
             reference = _without_control(recording, setup, contacts)
             lines = [f"{drawn}: the same without control."]
@@ -152,9 +152,9 @@ class _Reference:
 def _without_control(recording: Recording, setup: Setup, contacts: list[ContactSpan]) -> _Reference:
     """Simulate the run without control. Raises SceneError."""
     free = setup.without_control()
-    found = overlay(free, free_series(free), _OF_REFERENCE, free.steps)
-    curves, _ = _curves(found, free.step_ns, _touch_ns(recording, contacts), "no control")
-    return _Reference(ReferenceRun(curves, "", "no control"), found, setup.step_s)
+    found = overlay(free, free_series(free), _OF_REFERENCE, free.run.steps)
+    curves, _ = _curves(found, free.run.step_ns, _touch_ns(recording, contacts), "no control")
+    return _Reference(ReferenceRun(curves, "", "no control"), found, setup.run.step_s)
 
 
 def _other_recording(
@@ -165,7 +165,7 @@ def _other_recording(
     check_replayable(other)
     theirs = scene_of(other)
     found = overlay(theirs, pieces_of(other), _OF_REFERENCE, other.truth.samples)
-    curves, shift_ns = _curves(found, theirs.step_ns, _touch_ns(recording, contacts), "B")
+    curves, shift_ns = _curves(found, theirs.run.step_ns, _touch_ns(recording, contacts), "B")
     lines = [
         f"A: {recording.path.name}. B, faint: {other.path.name}",
         *provenance.compared(setup, theirs),
@@ -236,12 +236,12 @@ def _labels(
         until_ns = round(since_s * 1e9)
         described_lines.insert(0, f"**Unstable** from {1e3 * since_s:z.3f} ms on")
     run = reference.run if reference else None
-    spectra = [spectrum((run and run.own) or "run", own.speed_m_s, setup.step_s)]
+    spectra = [spectrum((run and run.own) or "run", own.speed_m_s, setup.run.step_s)]
     if reference:
         speed_m_s, step_s = reference.overlay.speed_m_s, reference.step_s
         spectra.append(spectrum(reference.run.name, speed_m_s, step_s))
     more_plots = [_energies(setup, own, run, until_ns < LAST_NS)]
-    if setup.has_law and setup.line.varies and recording.daq.samples:
+    if setup.scene.controller.has_law and setup.signal_path.varies and recording.daq.samples:
         more_plots.append(_latencies(setup, recording.daq.samples))
     return ReplayLabels(
         heading=recording.metadata.get("scene", recording.path.stem),
@@ -249,8 +249,8 @@ def _labels(
         more_plots=more_plots,
         spectra=[one for one in spectra if one is not None],
         reference=run,
-        actuator_m=None if not setup.has_law else setup.mechanics.actuator_point_m,
-        controlled=setup.has_law,
+        actuator_m=None if not setup.scene.controller.has_law else setup.mechanics.actuator_point_m,
+        controlled=setup.scene.controller.has_law,
         until_ns=until_ns,
     )
 
@@ -261,14 +261,14 @@ def _latencies(setup: Setup, samples: int) -> Plot:
     decimator = Decimator(len(values))
     decimator.feed(0, values, np.zeros(len(values), np.bool_))
     line = decimator.line()
-    times = line.at * setup.every_steps * setup.step_ns
+    times = line.at * setup.sensor.every_steps * setup.run.step_ns
     return Plot("latency", "Latency of commands (µs)", (curve_of("latency", line, times),))
 
 
 def _energies(setup: Setup, own: Overlay, reference: ReferenceRun | None, explodes: bool) -> Plot:
     """Return the energy balance as a plot, in a unit with readable numbers."""
     # The sphere of the published scheme jumps at the end of a contact.
-    conserves = SCHEMES[setup.scheme].conserves
+    conserves = SCHEMES[setup.run.scheme].conserves
     size_j = own.start_j if conserves else float(np.max(own.lines["plate"].values, initial=0.0))
     factor, unit = next((f for f in _PREFIXES if size_j >= f[0]), _PREFIXES[-1])
     curves = [
@@ -279,7 +279,7 @@ def _energies(setup: Setup, own: Overlay, reference: ReferenceRun | None, explod
         line = own.lines[name]
         known = conserves or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):
-            times = line.at * setup.step_ns
+            times = line.at * setup.run.step_ns
             curves.append(curve_of(name, line, times, 1.0 / factor, label=label))
     most = 3.0 * own.start_j / factor if explodes else None
     return Plot("energy", f"Energies ({unit})", tuple(curves), most)

@@ -84,7 +84,7 @@ def _run_lines(report: RunReport) -> list[Text]:
     setup, infinite = report.setup, report.setup.plant.infinite_plate
     return [
         Text(
-            f"Scene {setup.name}, {setup.steps:,} steps in {report.wall_s:.3g} s. "
+            f"Scene {setup.scene.name}, {setup.run.steps:,} steps in {report.wall_s:.3g} s. "
             f"Law: {law_line(report.assessed.law, digests=False)}."
         ),
         Text.assemble(

@@ -22,7 +22,7 @@ def test_a_contact_with_a_damper_keeps_its_loss():
     scene = study.plant_of(oak, "real")
     assert scene.scene.contact.damping == "hunt_crossley"
     assert scene.scene.contact.plasticity == "none"
-    assert scene.actuator.bandwidth_hz == 300e3
+    assert scene.mechanics.actuator.bandwidth_hz == 300e3
 
 
 def test_noise_goes_with_the_range_that_law_and_latency_ask_for():

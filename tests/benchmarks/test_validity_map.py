@@ -11,7 +11,7 @@ def bodies(radius_m: float, thickness_m: float) -> study.MapPlace:
     found = scene.mechanics.weaker
     assert found is not None
     plate = scene.mechanics.local_plate
-    return study.place(scene.sphere, plate, radius_m, thickness_m, found[1])
+    return study.place(scene.mechanics.sphere, plate, radius_m, thickness_m, found[1])
 
 
 def test_sizes_by_hand():

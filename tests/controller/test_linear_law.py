@@ -21,7 +21,9 @@ def setup_of(*keys: str) -> Setup:
 
 def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
     count = len(samples)
-    controller = Controller(bound_law(setup, False), SignalPath(), setup.step_s, count + 2, 1, 0)
+    controller = Controller(
+        bound_law(setup, False), SignalPath(), setup.run.step_s, count + 2, 1, 0
+    )
     return np.asarray(controller.process(samples, commands_ahead=False).forces)[-count:]
 
 
@@ -152,10 +154,13 @@ def test_what_is_no_filter_is_refused(keys, words):
 
 
 def test_every_quantity_is_sensed():
-    assert setup_of("numerator=[1.0]").quantity == "v_p"
+    assert setup_of("numerator=[1.0]").scene.sensors.quantity == "v_p"
     for quantity in ("xi", "acceleration", "contact_force"):
         keys = ["controller.law=linear", "controller.numerator=[1.0]"]
-        assert load("aluminium-3mm", [*keys, f"sensors.quantity={quantity}"]).quantity == quantity
+        assert (
+            load("aluminium-3mm", [*keys, f"sensors.quantity={quantity}"]).scene.sensors.quantity
+            == quantity
+        )
 
 
 def test_a_filter_that_is_unstable_by_itself_is_noted():

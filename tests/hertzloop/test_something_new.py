@@ -166,7 +166,7 @@ Path("mine.py").write_text(
 )
 settings = ["run.duration_s=0.0016", "controller.law=mine.py"]
 scene = load("aluminium-3mm", settings)
-assert scene.quantity == "xi_p"
+assert scene.scene.sensors.quantity == "xi_p"
 assert try_law(scene) == ""
 found = simulate(scene)
 assert np.ptp(found.values) > 1e-7
@@ -231,7 +231,7 @@ def send_both(self):
     first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
     if end > first:
         speed = factor * self.window.truth[3, : end - first]
-        header = SpeedBlock(first_step=first, step_ns=self.setup.step_ns)
+        header = SpeedBlock(first_step=first, step_ns=self.setup.run.step_ns)
         self.publisher.send("speed", header, {"speed_m_s": speed})
     send_truth(self)
 

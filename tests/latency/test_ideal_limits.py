@@ -94,8 +94,8 @@ def gap_and_force(plate: Plate, step_ns: int) -> tuple[np.ndarray, np.ndarray]:
     """Gap and actuator force of the sampled loop at the times of `continuous`."""
     t = continuous(plate)[0]
     of = scene(plate, step_ns)
-    rows, h = simulate(of).truth, of.step_s
-    touch = (math.floor(of.lead_in_s / h) + 0.5) * h
+    rows, h = simulate(of).truth, of.run.step_s
+    touch = (math.floor(of.run.lead_in_s / h) + 0.5) * h
     at = np.arange(rows.shape[1]) * h - touch
     # The force of a step is held: its middle is half a step later.
     return np.interp(t, at, rows[XI]), np.interp(t, at + 0.5 * h, rows[F_A])

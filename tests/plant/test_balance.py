@@ -63,7 +63,7 @@ def test_the_balance_closes(name):
     damped = scene.startswith(("oak", "sylomer")) or DAMPED[0] in settings
     assert (balance.contact_dissipated_j > 0.0) == damped
     assert balance.contact_steps == np.count_nonzero(rows[4])
-    step_s = load(scene, settings).step_s
+    step_s = load(scene, settings).run.step_s
     assert balance.contact_impulse_n_s == pytest.approx(rows[4].sum() * step_s, rel=1e-12)
     work = float(np.sum(rows[5][:-1] * np.diff(rows[6])))
     # The last step's work shows in no row; with long steps the spring of the modes left out,

@@ -119,8 +119,8 @@ def test_energies_of_a_run_add_up_to_what_its_plate_took(name):
     first = found[0]
     # A fall of 1 ms less than the whole: v at contact is sqrt(2 g h), to a step of gravity.
     fall = math.sqrt(2.0 * GRAVITY_M_S2 * 0.05)
-    assert first.impact_speed_m_s == pytest.approx(fall, abs=GRAVITY_M_S2 * scene.step_s)
-    assert first.start_s == pytest.approx(1e-3, abs=scene.step_s)
+    assert first.impact_speed_m_s == pytest.approx(fall, abs=GRAVITY_M_S2 * scene.run.step_s)
+    assert first.start_s == pytest.approx(1e-3, abs=scene.run.step_s)
 
 
 def test_a_contact_within_one_step_is_one():

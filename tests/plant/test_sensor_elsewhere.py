@@ -64,7 +64,7 @@ def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(settings):
     velocity, acceleration = seen(setup, FORCES)
     expected = by_reciprocity(setup, FORCES)
     assert np.abs(velocity - expected).max() < 1e-12 * np.abs(expected).max()
-    rate = np.diff(velocity, prepend=0.0) / setup.step_s
+    rate = np.diff(velocity, prepend=0.0) / setup.run.step_s
     assert np.abs(acceleration - rate).max() < 1e-12 * np.abs(rate).max()
 
 
@@ -85,7 +85,7 @@ def test_the_contact_force_moves_the_sensor_as_the_modes_say():
     theta = modes.omega * np.sqrt(1.0 - modes.eta**2 / 4.0)
     # The force of every step, F_0 + F_1 P, from Gauss's nodes; velocity of every mode by its law.
     nodes, weights = np.polynomial.legendre.leggauss(8)
-    step_s, steps = setup.step_s, done.truth.shape[1]
+    step_s, steps = setup.run.step_s, done.truth.shape[1]
     at = (np.arange(steps)[:, None] + 0.5 * (nodes + 1.0)) * step_s
     force = -(done.truth[ts.F_C][:, None] + done.truth[ts.F_C1][:, None] * nodes)
     impulse = 0.5 * step_s * weights * force
@@ -107,14 +107,14 @@ def table(with_sensor: bool) -> ModeTable:
     setup = plate(f"plate.actuator_point_m={BESIDE}")
     limit = 2.0 * np.pi * setup.plant.frequency_limit_hz
     contact, sensor = setup.scene.plate.points_m
-    modes = setup.structure.modes(limit, contact, sensor)
+    modes = setup.mechanics.structure.modes(limit, contact, sensor)
     return ModeTable(
         modes.omega,
-        np.full(len(modes.omega), setup.structure.local_plate.eta),
+        np.full(len(modes.omega), setup.mechanics.structure.local_plate.eta),
         np.full(len(modes.omega), modes.scale_per_kg),
         modes.at_contact,
         modes.at_contact,
-        setup.structure.residual_flexibility_m_n(limit, contact),
+        setup.mechanics.structure.residual_flexibility_m_n(limit, contact),
         shape_sensor=modes.at_actuator if with_sensor else None,
     )
 
@@ -179,12 +179,14 @@ def test_a_frozen_model_has_the_motion_of_the_sensor(by_file, tmp_path):
     point = with_measuring_point(velocity_record(), setup).measurement.point_m
     simulator = ImpactSimulator(setup, 5e-4, 1e-3, point)
     plant = build_plant(setup)
-    seen_m_s = after_steps(plant, np.zeros(setup.steps), SENSOR_V)
+    seen_m_s = after_steps(plant, np.zeros(setup.run.steps), SENSOR_V)
     after_s = np.linspace(2e-5, 4e-4, 30)
     height, speed = plant.at_start().state.body[[FLIGHT_X, FLIGHT_V]]
-    lead_s = 2.0 * height / (setup.sphere.impact_speed_m_s - speed)  # the mean of both speeds
-    at = (after_s + lead_s) / setup.step_s - 1.0  # a value is that at the end of a step
-    expected = np.interp(at, np.arange(setup.steps), seen_m_s)
+    lead_s = (
+        2.0 * height / (setup.mechanics.sphere.impact_speed_m_s - speed)
+    )  # the mean of both speeds
+    at = (after_s + lead_s) / setup.run.step_s - 1.0  # a value is that at the end of a step
+    expected = np.interp(at, np.arange(setup.run.steps), seen_m_s)
     found = simulator.run({}, 4.5e-4).value("v_p", after_s, away_from_contact=True)
     assert np.abs(found - expected).max() < 0.01 * np.abs(expected).max()
 

@@ -53,7 +53,9 @@ def test_each_quantity_is_read_from_its_own_place():
     assert np.array_equal(read["v_p"][1], v_p)
     # Of the last step: the contact force over it, and the mean acceleration.
     assert np.array_equal(read["contact_force"][1], np.append(0.0, f_c[:-1]))
-    assert np.array_equal(read["acceleration"][1], np.append(0.0, np.diff(v_p) / scene().step_s))
+    assert np.array_equal(
+        read["acceleration"][1], np.append(0.0, np.diff(v_p) / scene().run.step_s)
+    )
 
 
 def test_velocity_is_a_value_at_the_end_of_the_step_and_acceleration_a_mean(tmp_path):
@@ -91,7 +93,7 @@ def test_filter_sees_every_step_also_between_samples():
 def test_noise_comes_before_the_converter():
     clean = run()[1]
     noisy = run("sensors.noise_rms=1e-6")[1]
-    drawn = Sensor(SensorSpec(noise_rms=1e-6), STEP_S, 500, load("aluminium-3mm").seed)
+    drawn = Sensor(SensorSpec(noise_rms=1e-6), STEP_S, 500, load("aluminium-3mm").run.seed)
     assert np.array_equal(noisy, clean + drawn.model.noise)
     settings = ["sensors.bits=10", "sensors.full_scale=[-2e-5, 1e-3]"]
     coded = run("sensors.noise_rms=1e-6", *settings)[1]

@@ -106,7 +106,7 @@ def fit(
         return
     setup = prepare.scene_from(scene, settings, None)
     held = hold_out or []
-    scene_file = None if check else out_file or Path(f"{setup.name}-fitted.toml")
+    scene_file = None if check else out_file or Path(f"{setup.scene.name}-fitted.toml")
     written = FitFiles(scene_file, picture_file, json_file)
     read = outputs.files_of(setup, scene, *(settings or []))
     read += [one for file in (*files, *held) for one in input_files(file)]

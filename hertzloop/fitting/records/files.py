@@ -90,7 +90,7 @@ def _read_recording(path: Path) -> FileContents:
             f"{path}: the recording is damaged: its first samples are missing. Give a complete "
             "recording."
         )
-    step_s = setup.every_steps * setup.step_s
+    step_s = setup.sensor.every_steps * setup.run.step_s
     notes = []
     if daq.samples < found.daq.samples:
         notes.append(
@@ -99,10 +99,10 @@ def _read_recording(path: Path) -> FileContents:
     force = found.force
     pushed = force.first_step or force.resumed or np.any(force.arrays.get("force_n", 0.0))
     facts: dict[str, Any] = {
-        "quantity": setup.quantity,
-        "unit": QUANTITIES[setup.quantity].unit,
+        "quantity": setup.scene.sensors.quantity,
+        "unit": QUANTITIES[setup.scene.sensors.quantity].unit,
         "rate_hz": 1.0 / step_s,
-        "control": setup.has_law and bool(pushed),
+        "control": setup.scene.controller.has_law and bool(pushed),
     }
     if not setup.sensor.ideal:
         names = {one.name for one in fields(Filters)}

@@ -89,8 +89,8 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         likely = probability(setup, goals, draws, scene.run(counted), stable)
     on_progress(1.0)
     return BudgetResult(
-        scene=setup.name,
-        law=setup.law_reference,
+        scene=setup.scene.name,
+        law=setup.scene.controller.law,
         span=scene.span,
         goals=goals,
         ideal=ideal,
@@ -121,10 +121,10 @@ def _in_plant(
 def _deepest_m(setup: Setup) -> float | None:
     """Return the penetration without control that Hertz's law gives for the peak force, m; None for
     a law that senses another quantity."""
-    if setup.quantity != "xi":
+    if setup.scene.sensors.quantity != "xi":
         return None
     peak_n = uncontrolled(setup, "impact").peak_force_n
-    return float((peak_n / setup.contact.stiffness) ** (2.0 / 3.0))
+    return float((peak_n / setup.mechanics.contact.stiffness) ** (2.0 / 3.0))
 
 
 def nominal_of(
@@ -147,7 +147,7 @@ def nominal_of(
     lasts = lasting(effort.long_s)
     at = [lasts | {"run.touch_phase": phase} for phase in effort.phases]
     own, *rows = run([{} if whole else lasts, *at])
-    check_all_ran([own, *rows], f"{setup.name}: the law cannot be run in this scene")
+    check_all_ran([own, *rows], f"{setup.scene.name}: the law cannot be run in this scene")
     worst = max(rows, key=lambda row: worst_excess(goals, row))
     return Baseline(
         metrics={name: metric_of(own, name) for name in METRICS},

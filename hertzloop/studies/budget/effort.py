@@ -42,10 +42,10 @@ def effort_of(setup: Setup, quick: bool, span: Span) -> SearchEffort:
     first = span == "impact"
     return SearchEffort(
         phases=phases(_QUICK_PHASES if quick else _PHASES),
-        seeds=tuple(setup.seed + i for i in range(seeds)),
+        seeds=tuple(setup.run.seed + i for i in range(seeds)),
         points=_QUICK_POINTS if quick else _POINTS,
-        short_s=float(f"{short_s:.3g}") if first and 2.0 * short_s < setup.duration_s else None,
-        long_s=float(f"{long_s:.3g}") if first and long_s < setup.duration_s else None,
+        short_s=float(f"{short_s:.3g}") if first and 2.0 * short_s < setup.run.duration_s else None,
+        long_s=float(f"{long_s:.3g}") if first and long_s < setup.run.duration_s else None,
     )
 
 

@@ -36,7 +36,7 @@ class BudgetPlan:
         """Everything that decides the cases."""
         request = self.request
         searched = [request.span, request.quick, request.with_real, *request.only]
-        work = work_of([self.setup], [self.setup.law_reference], Design(()))
+        work = work_of([self.setup], [self.setup.scene.controller.law], Design(()))
         return {**work, "budget": [*map(str, self.goals), *searched]}
 
 
@@ -50,9 +50,9 @@ def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
     Raises:
         SceneError: there is no law, or a goal, a quantity or an option cannot be used.
     """
-    check_conserves(setup.scheme)
+    check_conserves(setup.run.scheme)
     goals = tuple(parse_goal(text) for text in request.goals or [DEFAULT_GOAL])
-    if not setup.has_law:
+    if not setup.scene.controller.has_law:
         raise SceneError(
             "controller.law = 'off': has no limits. Name a law, for example --law slope_threshold"
         )

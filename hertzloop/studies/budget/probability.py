@@ -117,7 +117,7 @@ def probability(
     holds: list[bool] = []  # by case; false if the goals are met but the loop is unstable
     wanted = min(FIRST, draws.most)
     while True:
-        new = [draws.inputs.draw(setup.seed, number) for number in range(len(drawn), wanted)]
+        new = [draws.inputs.draw(setup.run.seed, number) for number in range(len(drawn), wanted)]
         drawn += new
         new_rows = run(new)
         rows += new_rows

@@ -19,7 +19,7 @@ _FEW = 64  # sampling periods that are all scanned: a law may miss its goal at e
 
 def contact_us(setup: Setup) -> float:
     """Return the contact time on a rigid plate, us: the time scale of a scene."""
-    return 1e6 * rigid_impact(setup.sphere, setup.contact).contact_s
+    return 1e6 * rigid_impact(setup.mechanics.sphere, setup.mechanics.contact).contact_s
 
 
 QUANTITIES = ("latency_us", "jitter_us", "bits", "noise", "sampling_us", "bandwidth_hz", "mass_kg")
@@ -41,11 +41,15 @@ def quantities_of(setup: Setup) -> list[BudgetQuantity]:
 
 def _times(setup: Setup, free_us: float) -> list[BudgetQuantity]:
     """Return latency, jitter and sampling period, given the contact time without control, us."""
-    step_us, rigid_us, control = setup.step_ns / 1000.0, contact_us(setup), setup.scene.controller
+    step_us, rigid_us, control = (
+        setup.run.step_ns / 1000.0,
+        contact_us(setup),
+        setup.scene.controller,
+    )
     # A latency as long as the run is refused.
-    most = min(2.0 * rigid_us, 0.45e6 * (setup.duration_s - setup.lead_in_s))
+    most = min(2.0 * rigid_us, 0.45e6 * (setup.run.duration_s - setup.run.lead_in_s))
     usual, used = (max(2, math.ceil(x / step_us)) for x in (most, rigid_us))
-    longest = math.ceil(min(free_us, 1e6 * setup.duration_s - step_us) / step_us)
+    longest = math.ceil(min(free_us, 1e6 * setup.run.duration_s - step_us) / step_us)
     times = tuple(i * step_us for i in range(max(usual, longest) + 1))
     periods = tuple(range(1, max(used, longest) + 1))
     return [
@@ -106,7 +110,7 @@ def _of_converter(setup: Setup) -> list[BudgetQuantity]:
         BudgetQuantity(
             "noise",
             "sensors.noise_rms",
-            f"{SENSED[setup.quantity].unit} rms",
+            f"{SENSED[setup.scene.sensors.quantity].unit} rms",
             noises,
             "the noise is as large as the range of the converter",
             None,
@@ -124,7 +128,7 @@ def _of_actuator(setup: Setup, free_us: float) -> list[BudgetQuantity]:
     slower = _spread(slow_hz, low_hz)[-2::-1] if slow_hz < low_hz else ()
     bandwidths = (*reversed(_spread(low_hz, high_hz)), *slower)
     own_hz = math.inf if actuator.bandwidth_hz is None else actuator.bandwidth_hz
-    least_kg, most_kg = (share * setup.sphere.mass_kg for share in _MASSES)
+    least_kg, most_kg = (share * setup.mechanics.sphere.mass_kg for share in _MASSES)
     masses = (0.0, *_spread(max(least_kg, 1e-6), min(most_kg, 1e3)))
     return [
         BudgetQuantity(

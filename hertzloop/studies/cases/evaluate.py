@@ -32,7 +32,7 @@ def scene_of(toml: str) -> Setup:
     then found faster. A law that is not shipped is loaded again, since its file may have changed.
     """
     setup = _parsed(toml)
-    return setup if setup.law_is_shipped else parse(toml)
+    return setup if setup.scene.controller.law_is_shipped else parse(toml)
 
 
 def run_chunk(scene_toml: str, span: Span, numbered: Numbered) -> Rows:

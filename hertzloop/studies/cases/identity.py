@@ -29,7 +29,7 @@ def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:
 
     That is the law's name, digest and text, and a digest of the constants that it prepares.
     """
-    named = [setup.law_reference]
+    named = [setup.scene.controller.law]
     named += [str(v) for axis in design.axes if axis.key == "controller.law" for v in axis.values]
     found = {}
     for reference in named:

@@ -124,7 +124,7 @@ def _two_first(chunks: list[Numbered]) -> list[Numbered]:
 
 def _own_laws(setup: Setup, chunks: list[Numbered]) -> set[str]:
     """Return the laws of cases that are not shipped."""
-    usual = setup.law_reference
+    usual = setup.scene.controller.law
     named = {values.get("controller.law", usual) for chunk in chunks for _, values in chunk}
     return named - set(shipped())
 

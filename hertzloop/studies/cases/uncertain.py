@@ -110,7 +110,7 @@ def with_draws(setup: Setup, design: Design, uncertain: UncertainInputs, count: 
     Raises:
         SceneError: the design varies an uncertain key, or the scene refuses a drawn value.
     """
-    drawn = [uncertain.draw(setup.seed, number) for number in range(count)]
+    drawn = [uncertain.draw(setup.run.seed, number) for number in range(count)]
     for key in drawn[0]:
         if key in design.keys:
             raise SceneError(f"--over {key}: is drawn by --uncertain. Leave one of them out")

@@ -50,13 +50,13 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     form = plant_in_flight(setup)
     modal = build_plant(setup.with_plate_model("modal"), flight=True)
     count = len(modal.modes.omega)
-    z = np.exp(2j * math.pi * frequency_hz * setup.step_s)
+    z = np.exp(2j * math.pi * frequency_hz * setup.run.step_s)
     weights = np.abs(form.residues / (z - form.poles))[:count]
     largest = int(np.argmax(weights))
     amplitude = float(weights[largest] / np.abs(form.at(np.array([z]))[0]))
     if amplitude < _LEAST:
         return None
-    natural = np.abs(np.log(form.poles[:count])) / setup.step_s
+    natural = np.abs(np.log(form.poles[:count])) / setup.run.step_s
     omega = float(natural[largest])
     number = int(np.sum(natural < omega * (1.0 - _SAME))) + 1
     spec = setup.plant

@@ -27,12 +27,12 @@ def draw(setup: Setup, margin: Margin) -> Figure:
     """
     loops = loops_of(setup)
     assert isinstance(loops, PolyphaseLoop)
-    loop, delay = loops.at(setup.line.latency_steps)
+    loop, delay = loops.at(setup.signal_path.latency_steps)
     sheet, axes = pictures.sheet(1, 2, width=12.0, height=4.2)
     state = "stable" if margin.stable else "unstable"
     sheet.suptitle(
-        f"{setup.name}, law {loaded_law(setup).name}: loop in flight, {state} at a latency of "
-        f"{margin.latency_us:g} us"
+        f"{setup.scene.name}, law {loaded_law(setup).name}: loop in flight, {state} at a latency "
+        f"of {margin.latency_us:g} us"
     )
     _gain(axes[0, 0], loop, setup, margin.binding_frequency_hz)
     _nyquist(axes[0, 1], loop, delay, margin.peak_sensitivity)
@@ -41,7 +41,7 @@ def draw(setup: Setup, margin: Margin) -> Figure:
 
 def _gain(ax: Any, loop: Loop, setup: Setup, binding_hz: float | None) -> None:
     """Draw |L| over frequency, and the frequency that limits the loop with its mode."""
-    theta, sample_s = loop.table.theta, setup.every_steps * setup.step_s
+    theta, sample_s = loop.table.theta, setup.sensor.every_steps * setup.run.step_s
     shown = theta > 0.0
     at_hz, size = theta[shown] / (2.0 * math.pi * sample_s), loop.table.log_gain.real[shown]
     size = np.exp(np.clip(size, -60.0, 60.0))

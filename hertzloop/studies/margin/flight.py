@@ -68,8 +68,8 @@ def margin_of(setup: Setup) -> Margin:
         return _margin_of(setup)
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         raise SceneError(
-            f"the linear loop of {setup.name} cannot be calculated: {error}. Use a smaller gain of "
-            "the law, or more damping of the plate"
+            f"the linear loop of {setup.scene.name} cannot be calculated: {error}. Use a smaller "
+            "gain of the law, or more damping of the plate"
         ) from error
 
 
@@ -81,10 +81,14 @@ def _margin_of(setup: Setup) -> Margin:
     if isinstance(loops, NotLinearError):
         return Margin(False, f"not a linear loop ({loops})")
     assert growth is not None
-    step_us, latency, every = 1e6 * setup.step_s, setup.line.latency_steps, len(loops.every)
+    step_us, latency, every = (
+        1e6 * setup.run.step_s,
+        setup.signal_path.latency_steps,
+        len(loops.every),
+    )
     loop, delay = loops.at(latency)
     limit = latency_limit(loops)
-    sample_s = every * setup.step_s
+    sample_s = every * setup.run.step_s
     stable = None if growth.unstable_poles is None else growth.unstable_poles == 0
     if limit is None or limit < 0:
         limit_us = None if limit is None else -1.0
@@ -115,5 +119,5 @@ def _margin_of(setup: Setup) -> Margin:
         disk_margin=disk,
         binding_frequency_hz=binding,
         modes=len(linear_plant(setup).modes.omega),
-        step_ns=setup.step_ns,
+        step_ns=setup.run.step_ns,
     )

@@ -62,7 +62,7 @@ def growth_of(setup: Setup) -> Growth | None:
         return None
     if found.per_s is None:
         return found
-    return replace(found, e_folds=found.per_s * setup.duration_s)
+    return replace(found, e_folds=found.per_s * setup.run.duration_s)
 
 
 def stable_in_flight(setup: Setup) -> bool | None:
@@ -74,8 +74,8 @@ def stable_in_flight(setup: Setup) -> bool | None:
     """
     if why_no_loop(setup):
         return None
-    setup, every = loop_setup(setup), setup.every_steps
-    delay, rest = divmod(1 + setup.line.dead_steps + setup.line.latency_steps, every)
+    setup, every = loop_setup(setup), setup.sensor.every_steps
+    delay, rest = divmod(1 + setup.signal_path.dead_steps + setup.signal_path.latency_steps, every)
     try:
         loop = loop_of(damped(plant_in_flight(setup)), law_filter(setup), every, rest)
     except (NotLinearError, SceneError, ArithmeticError, np.linalg.LinAlgError):
@@ -89,7 +89,7 @@ def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
     loops = loops_of(setup)
     if isinstance(loops, NotLinearError):
         return loops
-    latency = setup.line.latency_steps
+    latency = setup.signal_path.latency_steps
     count = int(loops.unstable(np.array([latency]))[0])
     loop, delay = loops.at(latency)
     too_many = states_of(loop.plant, loop.law, delay) > MOST_STATES
@@ -100,7 +100,7 @@ def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
         return Growth(0, 0.0, None, 0.0)
     if poles is None:
         return Growth(count, None, None, None)
-    sample_s = setup.every_steps * setup.step_s
+    sample_s = setup.sensor.every_steps * setup.run.step_s
     return Growth(count, growth_per_s(poles, sample_s), fastest_hz(poles, sample_s), None)
 
 

@@ -43,7 +43,7 @@ def law_filter(setup: Setup) -> LawFilter:
     """
     if why := loaded_law(setup).not_linear:
         raise NotLinearError(why)
-    line = setup.line
+    line = setup.signal_path
     for why, given in (
         ("controller.jitter_us is not zero, so the line varies with time", line.jitter_steps),
         ("controller.clock_ppm is not zero, so the line varies with time", line.tick_steps),
@@ -84,7 +84,7 @@ def _probe(setup: Setup, answered: list[np.ndarray]) -> LawFilter:
 
     def answer(samples: np.ndarray) -> np.ndarray:
         count = len(samples)
-        controller = Controller(bound, SignalPath(), setup.step_s, count + 2, 1, 0)
+        controller = Controller(bound, SignalPath(), setup.run.step_s, count + 2, 1, 0)
         answered.append(controller.law_state.counts)
         try:
             forces = controller.process(samples, commands_ahead=False).forces
@@ -163,13 +163,13 @@ def _impulse_response(answer: _Answer, scale: float) -> np.ndarray:
 
 
 def _amplitude(setup: Setup) -> float:
-    known = setup.about_mechanics
+    known = setup.law
     speed = known.impact_speed_m_s
-    if setup.quantity == "xi":
+    if setup.scene.sensors.quantity == "xi":
         return max(speed * known.rigid_contact_s, 1e-9)
-    if setup.quantity == "acceleration":
+    if setup.scene.sensors.quantity == "acceleration":
         return speed / known.rigid_contact_s
-    return known.rigid_peak_n if setup.quantity == "contact_force" else speed
+    return known.rigid_peak_n if setup.scene.sensors.quantity == "contact_force" else speed
 
 
 def _realise(markov: np.ndarray) -> LawFilter:

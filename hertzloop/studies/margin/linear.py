@@ -185,7 +185,7 @@ def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
     Raises:
         SceneError: the scheme or the quantity has no such response.
     """
-    quantity = quantity or setup.quantity
+    quantity = quantity or setup.scene.sensors.quantity
     if quantity not in ("v_p", "acceleration", "xi"):
         raise SceneError(
             f"sensors.quantity = '{quantity}': has no linear response in flight. "

@@ -63,14 +63,14 @@ NO_LAW = "the scene has no law, so there is no loop"
 def why_no_loop(setup: Setup) -> str:
     """Return why a setup cannot have a linear loop in flight, before its law is looked at; empty if
     it may have one."""
-    if not setup.has_law:
+    if not setup.scene.controller.has_law:
         return NO_LAW
-    if not SCHEMES[setup.scheme].has_linear_model:
+    if not SCHEMES[setup.run.scheme].has_linear_model:
         return (
-            f"run.scheme = '{setup.scheme}' has no linear model; use "
+            f"run.scheme = '{setup.run.scheme}' has no linear model; use "
             f"{supporting('has_linear_model')}"
         )
-    if setup.quantity == "contact_force":
+    if setup.scene.sensors.quantity == "contact_force":
         return "the contact force is zero in flight, so the loop is closed in contact only"
     return ""
 
@@ -87,7 +87,7 @@ def loop_setup(setup: Setup, **control: Any) -> Setup:
 
 def law_digest(setup: Setup) -> str:
     """Return what tells two versions of a user's law apart."""
-    return "" if setup.law_is_shipped else loaded_law(setup).digest
+    return "" if setup.scene.controller.law_is_shipped else loaded_law(setup).digest
 
 
 @lru_cache(maxsize=16)
@@ -97,8 +97,8 @@ def _loops(setup: Setup, digest: str) -> PolyphaseLoop | NotLinearError:
         law = law_filter(setup)
     except NotLinearError as error:
         return error
-    plant, every = damped(plant_in_flight(setup)), setup.every_steps
-    lead = 1 + setup.line.dead_steps
+    plant, every = damped(plant_in_flight(setup)), setup.sensor.every_steps
+    lead = 1 + setup.signal_path.dead_steps
     return PolyphaseLoop(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
 
 
@@ -123,5 +123,5 @@ def loops_of(setup: Setup) -> PolyphaseLoop | NotLinearError:
         SceneError: the scene is invalid.
     """
     digest = law_digest(setup)
-    shares = setup.law_is_shipped and not setup.line.trace
+    shares = setup.scene.controller.law_is_shipped and not setup.signal_path.trace
     return _loops(loop_setup(setup, latency_us=0.0) if shares else loop_setup(setup), digest)

@@ -55,15 +55,15 @@ class LinearSystem(PoleForm):
     def of(cls, setup: Setup, quantity: str | None = None) -> Self:
         """Return the system of a setup. Raises SceneError as `plant_in_flight`."""
         form = plant_in_flight(setup, quantity)
-        every = setup.every_steps
-        late = 1 + setup.line.latency_steps + setup.line.dead_steps
+        every = setup.sensor.every_steps
+        late = 1 + setup.signal_path.latency_steps + setup.signal_path.dead_steps
         held = form.held(every, late % every)
-        name = quantity or setup.quantity
+        name = quantity or setup.scene.sensors.quantity
         return cls(
             held.poles,
             held.residues,
             held.fir,
-            every * setup.step_ns / 1e9,
+            every * setup.run.step_ns / 1e9,
             name,
             SENSED[name].unit,
             late // every,

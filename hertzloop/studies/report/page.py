@@ -33,7 +33,7 @@ def page_of(recording: Recording) -> ResultPage:
     metrics, verdict = found.result.metrics, verdict_sentences(found.assessment)
     unstable, law = metrics.stability.unstable, law_of(recording)
     effects = sentences_of(metrics.neglected.checks)
-    texts = [(setup.name, recording.scene_toml)]
+    texts = [(setup.scene.name, recording.scene_toml)]
     try:
         texts.append((f"{law.law} (law)", text_of_law(recording)))
         no_text = []

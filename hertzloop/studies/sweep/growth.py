@@ -24,7 +24,7 @@ def with_growth(setup: Setup, keys: Sequence[str], rows: Rows) -> Rows:
     varied = [key for key in keys if key not in _NOT_OF_LOOP]
 
     def growth(row: dict[str, Any]) -> float | None:
-        law = str(row.get("controller.law", setup.law_reference))
+        law = str(row.get("controller.law", setup.scene.controller.law))
         if law not in without:
             without[law] = _has_no_loop(law)
         if without[law]:

@@ -52,7 +52,7 @@ def plan_sweep(setup: Setup, request: SweepRequest) -> SweepPlan:
         DesignError: ranges or options do not go together.
         SceneError: the scene refuses a value.
     """
-    check_conserves(setup.scheme)
+    check_conserves(setup.run.scheme)
     design = _design(setup, request)
     if request.uncertain is not None:
         inputs = read_uncertain(request.uncertain, setup)
@@ -87,4 +87,4 @@ def _design(setup: Setup, request: SweepRequest) -> Design:
         over.append(as_axis(TOUCH_PHASE_KEY, phases(touches)))
     if not over and request.uncertain is not None:
         return Design(())
-    return design_of(setup, over, kind, request.points, setup.seed)
+    return design_of(setup, over, kind, request.points, setup.run.seed)

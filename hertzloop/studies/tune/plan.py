@@ -73,13 +73,13 @@ def plan_tune(
         SceneError: a scene refuses a law or a value.
     """
     for base in bases:
-        check_conserves(base.scheme)
+        check_conserves(base.run.scheme)
     for metric in (*request.minimise, *request.at_most):
         if metric not in OBJECTIVES:
             raise DesignError(
                 f"--minimise = '{metric}': unknown metric. Use one of {', '.join(OBJECTIVES)}."
             )
-    laws = list(request.laws) or [bases[0].law_reference]
+    laws = list(request.laws) or [bases[0].scene.controller.law]
     if laws == ["all"]:
         laws = list(LAWS)
     ranges = tuple(axes_from(request.vary, "--vary"))

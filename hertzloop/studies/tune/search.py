@@ -77,7 +77,7 @@ class _Settings(Problem):
     def __init__(self, pool: Pool, plan: TunePlan, law: str) -> None:
         self.pool, self.plan, self.fixed = pool, plan, {"controller.law": law}
         self._tried: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []  # x, F, G
-        coarsest = max(plan.variants, key=lambda setup: setup.step_ns)
+        coarsest = max(plan.variants, key=lambda setup: setup.run.step_ns)
         # By the law that is tried: the scenes' own may not have its keys.
         of_law = coarsest.vary(self.fixed)
         self.axes = axes = tuple(fitted(axis, of_law) for axis in plan.axes[law])

@@ -60,7 +60,7 @@ def test_the_command_writes_json_scene_and_picture(tmp_path):
     assert estimate["low"] < 0.003 < estimate["high"]
     assert estimate["verdict"] == "identified"
     again = load(str(toml))
-    assert again.sphere.radius_m == estimate["value"]
+    assert again.mechanics.sphere.radius_m == estimate["value"]
     assert again.scene.fit.sha256 == (said["records"][0]["sha256"],)
     text = picture.read_text()
     for part in ("drop.csv", "contact_force (N)", "residual over noise", "measured", "simulated"):

@@ -65,14 +65,14 @@ def test_the_loop_of_a_fit_converges_and_touches_at_time_zero(changes):
     setup = scene(*changes)
     coarse, fine = LoopSimulator(setup, 90e-6, 1e-4), LoopSimulator(setup, 90e-6, 1e-4, 50)
     time_s = np.arange(0.0, 85e-6, 0.17e-6)
-    for phase in (0.0, 0.4, 0.9 * setup.every_steps):
+    for phase in (0.0, 0.4, 0.9 * setup.sensor.every_steps):
         one, other = coarse.run({}, 90e-6, phase), fine.run({}, 90e-6, phase)
         assert abs(float(other.value("xi", np.array([0.0]))[0])) < 1e-12
         for quantity in (FORCE, PUSH):
             true = other.value(quantity, time_s)
             off = one.value(quantity, time_s) - true
             assert np.sqrt(np.mean(off**2)) < 1e-4 * np.max(np.abs(true))
-    again = coarse.run({}, 90e-6, 0.4 + setup.every_steps)
+    again = coarse.run({}, 90e-6, 0.4 + setup.sensor.every_steps)
     assert np.array_equal(again.truth, coarse.run({}, 90e-6, 0.4).truth)
 
 

@@ -11,7 +11,7 @@ from tests.fitting.fitting import THICKNESS, YIELDS, fitted, scene
 
 def test_stiffness_factor_is_a_factor_on_the_contact():
     plain, twice = scene(), scene("contact.stiffness_factor=2.0")
-    assert twice.contact.stiffness == 2.0 * plain.contact.stiffness
+    assert twice.mechanics.contact.stiffness == 2.0 * plain.mechanics.contact.stiffness
 
 
 def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise():

@@ -34,9 +34,9 @@ def test_its_samples_are_those_of_a_recorded_run(name, tmp_path):
     samples = [plant.sample]
     for force in run.force.arrays["force_n"]:
         plant.step(force)
-        if plant.steps_done % setup.every_steps == 0 and plant.steps_done < plant.steps:
+        if plant.steps_done % setup.sensor.every_steps == 0 and plant.steps_done < plant.steps:
             samples.append(plant.sample)
-    assert plant.steps_done == plant.steps == setup.steps
+    assert plant.steps_done == plant.steps == setup.run.steps
     assert np.any(run.force.arrays["force_n"])
     assert np.array(samples).tobytes() == run.daq_values.tobytes()
     assert plant.balance().energy_residual == run.balance.energy_residual

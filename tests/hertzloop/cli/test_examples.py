@@ -75,14 +75,14 @@ setup = load("own_block.toml", ["controller.law=off"])
 run = simulate(setup)
 assert abs(run.balance.energy_residual) < 1e-12
 (impact,) = impacts_in(setup.plant, run.truth)
-m, v, M = setup.sphere.mass_kg, setup.sphere.impact_speed_m_s, own_block.MASS_KG
+m, v, M = setup.mechanics.sphere.mass_kg, setup.mechanics.sphere.impact_speed_m_s, own_block.MASS_KG
 # Hertz for the reduced mass. The block does not move far enough in the contact to feel its spring.
-peak_n = setup.contact.stiffness**0.4 * (1.25 * m * M / (m + M) * v * v) ** 0.6
+peak_n = setup.mechanics.contact.stiffness**0.4 * (1.25 * m * M / (m + M) * v * v) ** 0.6
 assert abs(impact.peak_force_n / peak_n - 1.0) < 1e-3
 assert abs(impact.rebound_speed_m_s / (v * (M - m) / (M + m)) - 1.0) < 1e-3
 # Free vibration of the block after an elastic collision.
 w, zeta = math.sqrt(own_block.STIFFNESS_N_M / M), own_block.DAMPING_RATIO
-t = np.arange(setup.steps) * setup.step_s - (impact.start_s + 0.5 * impact.duration_s)
+t = np.arange(setup.run.steps) * setup.run.step_s - (impact.start_s + 0.5 * impact.duration_s)
 turn = w * math.sqrt(1.0 - zeta * zeta)
 free = -2.0 * m * v / (m + M) / turn * np.exp(-zeta * w * t) * np.sin(turn * t)
 after = t > impact.duration_s

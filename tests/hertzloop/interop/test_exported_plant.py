@@ -116,7 +116,7 @@ def test_it_starts_anew_from_another_height(plant):
     rows = series_under(build_plant(scene, higher), np.zeros(1000))
     assert plant.reset(0.2, 5) == 0
     assert plant.run(np.zeros(1000))["contact_force_n"].tobytes() == rows[4].tobytes()
-    assert plant.reset(scene.sphere.drop_height_m, scene.seed) == 0
+    assert plant.reset(scene.mechanics.sphere.drop_height_m, scene.run.seed) == 0
     assert plant.run(np.zeros(1000)).tobytes() == start.tobytes()
 
 

@@ -31,7 +31,7 @@ def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated():
                 setup = load(name, [f"controller.law={law}"])
             except SceneError:  # the law senses something else
                 continue
-            said = hello(setup, setup.stiffness)
+            said = hello(setup, setup.law.stiffness)
             said.run_id = 2**64 - 1
             said.lane.CopyFrom(offer)
             sizes.append(said.ByteSize())
@@ -55,5 +55,5 @@ def with_files(tmp_path_factory):
 
 
 def test_the_hello_of_a_scene_with_files_is_small(with_files):
-    assert all(hello(setup, setup.stiffness).ByteSize() < ROOM for setup in with_files)
+    assert all(hello(setup, setup.law.stiffness).ByteSize() < ROOM for setup in with_files)
     assert all(len(to_toml(setup.scene)) > ROOM for setup in with_files)

@@ -59,7 +59,7 @@ def commands(scene: Setup, samples: np.ndarray) -> np.ndarray:
     """What the scene's law commands after each sample. Raises LawFault."""
     law = loaded_law(scene)
     bound = law.bind(scene.scene.controller.keys, known(scene)[1])
-    made = Controller(bound, SignalPath(), scene.step_s, len(samples) + 1, 1, 1)
+    made = Controller(bound, SignalPath(), scene.run.step_s, len(samples) + 1, 1, 1)
     return made.process(samples).forces
 
 

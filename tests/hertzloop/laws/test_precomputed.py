@@ -57,7 +57,7 @@ def test_uncontrolled_force_in_the_published_scheme_is_without_damping():
 def test_mobility_force_solves_its_equation(source):
     scene = load(source, ["run.step_ns=1000"])
     spec = scene.plant
-    force, h = mobility_force_n(law_context(scene)), scene.step_s
+    force, h = mobility_force_n(law_context(scene)), scene.run.step_s
     slope, bend = np.gradient(force, h), np.gradient(np.gradient(force, h), h)
     m, v = spec.sphere.mass_kg, spec.sphere.impact_speed_m_s
     from hertzloop.plant.contact.hertz import rigid_contact_time_s

@@ -24,13 +24,13 @@ def digest(*settings: str) -> str:
 def test_equal_clocks_change_nothing():
     plain = aluminium_3mm(*SHORT)
     equal = aluminium_3mm(*SHORT, "controller.clock_ppm=0", "controller.clock_phase=0")
-    assert equal.line == plain.line
+    assert equal.signal_path == plain.signal_path
 
 
 def test_a_phase_alone_is_a_dead_time():
     later = digest("controller.clock_phase=0.5")
     assert later == digest("actuator.dead_time_us=2") != digest()
-    assert not aluminium_3mm(*SHORT, "controller.clock_phase=0.5").line.varies
+    assert not aluminium_3mm(*SHORT, "controller.clock_phase=0.5").signal_path.varies
 
 
 def test_a_drift_is_the_trace_of_its_latencies():

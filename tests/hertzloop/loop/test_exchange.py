@@ -87,9 +87,14 @@ class Hesitant:
         block = self.checker.accept(envelope)
         if envelope.stream == "hello":
             self.scene, self.hello = parse(block.header.scene_toml), block.header
-            self.late = 1 + self.scene.line.latency_steps
+            self.late = 1 + self.scene.signal_path.latency_steps
             self.publisher = Publisher(self.port, block.header.run_id)
-            self.forces, self.level, self.seen, self.said = np.zeros(self.scene.steps), 0.0, 0, 0
+            self.forces, self.level, self.seen, self.said = (
+                np.zeros(self.scene.run.steps),
+                0.0,
+                0,
+                0,
+            )
         elif envelope.stream == "daq":
             self._answer(block.arrays["value"])
         elif envelope.stream == "end/plant":
@@ -101,7 +106,7 @@ class Hesitant:
                 self.forces[self.seen + self.late : self.seen + self.late + 1] = 1.0
                 self.level = self.NEAR_M
             self.seen += 1
-        end = min(self.seen + self.late, self.scene.steps)
+        end = min(self.seen + self.late, self.scene.run.steps)
         header = ForceBlock(
             first_step=self.said,
             step_ns=1000,
@@ -111,7 +116,7 @@ class Hesitant:
         )
         self.publisher.send("force", header, {"force_n": self.forces[self.said : end]})
         self.said = end
-        if self.seen == self.scene.steps:
+        if self.seen == self.scene.run.steps:
             self.publisher.end(report=controller_report(self.scene))
 
     def fail(self, sentence: str) -> None:

@@ -68,10 +68,8 @@ def test_the_staircase(settings, mean, least, most):
 
 
 def test_random_is_drawn_by_the_seed():
-    drawn = [
-        load("aluminium-3mm", ["run.touch_phase=random"], seed=s).touch_phase for s in range(50)
-    ]
+    drawn = [load("aluminium-3mm", ["run.touch_phase=random"], seed=s).run.phase for s in range(50)]
     assert len(set(drawn)) == 50
     assert 0.0 <= min(drawn) < 0.2 < 0.8 < max(drawn) < 1.0
-    again = load("aluminium-3mm", ["run.touch_phase=random"], seed=7).touch_phase
+    again = load("aluminium-3mm", ["run.touch_phase=random"], seed=7).run.phase
     assert again == drawn[7]

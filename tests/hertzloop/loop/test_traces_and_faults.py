@@ -73,7 +73,7 @@ def test_a_scene_with_a_trace_survives_its_file(trace, tmp_path):
     again = parse(to_toml(setup.scene))
     assert metrics_of_case(again).digest == metrics_of_case(setup).digest
     assert again.latency_us == 2.0
-    assert again.line.most_added_steps == 4
+    assert again.signal_path.most_added_steps == 4
     other = setup.vary({"controller.latency_trace": [3.0]})
     assert metrics_of_case(other).digest == digest("controller.latency_us=3")
 

@@ -155,7 +155,7 @@ def record(
             scene, path, RunOptions(transport=transport, horizon=horizon, fast_lane=lane)
         )
     )
-    assert report["steps"] == scene.steps
+    assert report["steps"] == scene.run.steps
     assert report["lane"] == "JOINED" * (lane and transport == Transport.ZENOH)
     return checked(read(path), scene)
 
@@ -171,8 +171,8 @@ def in_threads(scene: Setup, path: Path) -> Recording:
 def checked(recording: Recording, scene: Setup) -> Recording:
     """A recording of a whole run of a scene."""
     assert not recording.problems
-    assert recording.truth.samples == recording.force.samples == scene.steps
-    assert recording.daq.samples == -(-scene.steps // scene.every_steps)
+    assert recording.truth.samples == recording.force.samples == scene.run.steps
+    assert recording.daq.samples == -(-scene.run.steps // scene.sensor.every_steps)
     return recording
 
 

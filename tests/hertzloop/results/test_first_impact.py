@@ -189,7 +189,7 @@ def test_laws_push_when_they_are_meant_to(reports_of):
         assert least <= first.over - first.end <= most
     scene = reports_of("long.py").scene
     first, *others = impacts_of_truth(scene, simulate(scene).truth)
-    assert first.over == (others[0].start if others else scene.steps)
+    assert first.over == (others[0].start if others else scene.run.steps)
 
 
 @pytest.mark.parametrize("law", ["late", "again"])

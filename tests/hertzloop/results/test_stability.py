@@ -69,7 +69,7 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name):
         if law in ("velocity_feedback", "acceleration_feedback"):
             keys += ["controller.kappa=0.05"]  # more than a few tenths do become unstable
         scene = load(name, keys)
-        if scene.duration_s > 0.03:
+        if scene.run.duration_s > 0.03:
             scene = load(name, [*keys, "run.duration_s=0.03"])
         found = stability_of(scene, simulate(scene).truth)
         assert not found.unstable, (law, found)
@@ -103,7 +103,7 @@ def test_since_when():
     for size in (9, 2, 1):
         found = stability_of(scene, rows, size)
         assert found.unstable
-        assert found.since_s == pytest.approx(3 * scene.step_s)
+        assert found.since_s == pytest.approx(3 * scene.run.step_s)
         assert found.most_injected == pytest.approx(50.0)
 
 
@@ -117,7 +117,7 @@ def test_no_work_is_done_over_missing_steps():
         pass
     found = accumulator.result()
     assert found.most_injected == pytest.approx(22.5)
-    assert found.since_s == pytest.approx(1 * scene.step_s)
+    assert found.since_s == pytest.approx(1 * scene.run.step_s)
 
 
 def test_a_loop_that_pumps_is_told_by_the_energy_there_was():
@@ -193,5 +193,5 @@ def test_events_that_are_too_many_are_counted(tmp_path, monkeypatch):
     for name in ("plant", "controller"):
         *listed, last = [event for event in told[0] if event[0] == name]
         assert len(listed) == 1
-        assert last[1] == scene.steps * scene.step_ns - scene.step_ns
+        assert last[1] == scene.run.steps * scene.run.step_ns - scene.run.step_ns
         assert re.fullmatch(r"\d+ further events are not listed", last[2])

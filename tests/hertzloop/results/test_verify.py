@@ -55,7 +55,7 @@ def test_the_loop_on_the_same_plant_has_the_same_bytes(name):
     scene = aluminium_3mm("run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name])
     plant = build_plant(scene)
     assert isinstance(plant, Plant)
-    rows = finer_loop(scene, plant, scene.steps, 1)
+    rows = finer_loop(scene, plant, scene.run.steps, 1)
     assert rows[F_A].any()
     assert np.array_equal(rows, simulate(scene).truth)
 
@@ -67,7 +67,7 @@ def test_the_loop_on_half_the_step_is_the_same_loop(name):
     spec = scene.plant
     plant = built(replace(spec, step_s=spec.step_s / 2), "modal").at_start()
     plant.state.body[_START] = build_plant(scene, spec).state.body[_START]
-    finer, rows = finer_loop(scene, plant, scene.steps, 2), simulate(scene).truth
+    finer, rows = finer_loop(scene, plant, scene.run.steps, 2), simulate(scene).truth
     assert np.abs(finer[XI, ::2] - rows[XI]).max() < 1e-4 * -rows[XI].min()
     assert np.array_equal(finer[F_A, ::2], finer[F_A, 1::2])  # a force is held over a step
     assert np.abs(finer[F_A, ::2] - rows[F_A]).max() < 0.01 * rows[F_A].max()
@@ -105,4 +105,4 @@ def test_energy_is_compared_once_the_push_is_over():
     assert np.abs(rows[F_A, contact]).max() > 0.0
     assert np.abs(rows[F_A, until]) <= 0.01 * np.abs(rows[F_A, contact]).max()
     found = verify(scene, rows)
-    assert found.plate_energy < scene.accuracy
+    assert found.plate_energy < scene.run.accuracy

@@ -59,7 +59,7 @@ def rigid(folder: Path, *settings: str) -> Setup:
 
 def test_an_infinite_plate_stands_for_the_rest(tmp_path):
     setup = six(tmp_path, "plate.thickness_m=0.003")
-    assert rigid_impact(setup.sphere, setup.mechanics.contact).contact_s == pytest.approx(
+    assert rigid_impact(setup.mechanics.sphere, setup.mechanics.contact).contact_s == pytest.approx(
         41e-6, 0.02
     )
     assert setup.plant.damped_residual
@@ -136,7 +136,7 @@ def test_nothing_beyond_modes_that_reach_far_is_told(tmp_path):
     rows = [f"{one},0.01,0.3,1.0" for one in hz]
     setup = scene_of(tmp_path, SIX_TOML, rows, ("plate.residual_flexibility_m_n=0",))
     beyond = np.sum(1 / 0.3 / (2 * np.pi * np.arange(81, 200_000) * 1000.0) ** 2)
-    assert beyond_m_n(setup.structure) == pytest.approx(beyond, rel=0.02)
+    assert beyond_m_n(setup.mechanics.structure) == pytest.approx(beyond, rel=0.02)
     [found] = [one for one in neglected_of_scene(setup).checks if one.name == ROW]
     assert 0.0 < found.value < 0.1
     with_rest = load(str(tmp_path / "scene.toml"), ["plate.residual_flexibility_m_n=1e-9"])

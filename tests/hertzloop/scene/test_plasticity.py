@@ -58,7 +58,7 @@ def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path):
     (impact,) = impacts_in(scene.plant, rows)
     events = [e for e in recording.events if e.name == "plant"]
     assert [e.message for e in events] == ["contact 1 began", "contact 1 ended"]
-    ended = round(events[1].time_ns / scene.step_ns)
+    ended = round(events[1].time_ns / scene.run.step_ns)
     # The sphere has left the plate while its lowest point is still below the plate's face.
     assert impact.start_s + impact.duration_s == pytest.approx(ended * 1e-6, abs=1e-6)
     assert rows[XI, ended] < -5e-6
@@ -88,12 +88,12 @@ UNKNOWN = "plate.material={young_pa=7e10,density_kg_m3=2700,poisson=0.3}"
 
 def test_auto_yields_as_thornton_does_where_the_pressure_passes_first_yield():
     auto, asked = aluminium_3mm(AUTO), aluminium_3mm("contact.plasticity=thornton")
-    assert auto.contact == asked.contact
-    assert auto.contact.limit is not None
+    assert auto.mechanics.contact == asked.mechanics.contact
+    assert auto.mechanics.contact.limit is not None
     assert auto.plate_model == asked.plate_model == "modal"
     assert auto.mechanics.why_elastic == ""
     given = aluminium_3mm(AUTO, "contact.limiting_pressure_pa=5e9", UNKNOWN)
-    assert given.contact.limit.pressure_pa == 5e9
+    assert given.mechanics.contact.limit.pressure_pa == 5e9
 
 
 @pytest.mark.parametrize(
@@ -108,8 +108,8 @@ def test_auto_yields_as_thornton_does_where_the_pressure_passes_first_yield():
 )
 def test_auto_is_elastic_elsewhere_and_says_why(settings, reason):
     setup = aluminium_3mm(AUTO, *settings)
-    assert setup.contact == aluminium_3mm(*settings).contact
-    assert setup.contact.limit is None
+    assert setup.mechanics.contact == aluminium_3mm(*settings).mechanics.contact
+    assert setup.mechanics.contact.limit is None
     assert reason in setup.mechanics.why_elastic
 
 
@@ -117,7 +117,10 @@ def test_a_slow_impact_on_a_hard_plate_is_decided_by_its_pressure():
     """Glass has a hardness: the threshold is 1.6/2.8 of it."""
     fast = aluminium_3mm(AUTO, GLASS, "sphere.material=alumina", "sphere.speed_m_s=5")
     slow = aluminium_3mm(AUTO, GLASS, "sphere.material=alumina", "sphere.speed_m_s=0.05")
-    assert (fast.contact.limit is not None, slow.contact.limit is None) == (True, True)
+    assert (fast.mechanics.contact.limit is not None, slow.mechanics.contact.limit is None) == (
+        True,
+        True,
+    )
 
 
 def test_the_published_scenes_are_elastic_and_say_so():
@@ -138,6 +141,6 @@ def test_a_shipped_scene_takes_losses_that_a_setting_gives(shipped_scenes, tmp_p
 
 def test_shipped_plates_of_aluminium_yield(shipped_scenes):
     for name in ("aluminium-20mm", "aluminium-3mm", "offcentre-6mm"):
-        assert load(name).contact.limit is not None
+        assert load(name).mechanics.contact.limit is not None
     for name in ("oak-20mm", "sylomer-20mm"):
         assert "holds the loss" in load(name).mechanics.why_elastic

@@ -107,8 +107,8 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter():
     setup = aluminium_3mm(until)
     assert setup.plate_model == "infinite"
     assert setup.plant.infinite_plate
-    assert model_error.expected_error(setup) <= setup.accuracy
-    assert setup.step_s < setup.infinite_plate.lasts_s() - 140e-6 < 100e-6
+    assert model_error.expected_error(setup) <= setup.run.accuracy
+    assert setup.run.step_s < setup.infinite_plate.lasts_s() - 140e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012",
         "run.duration_s=0.00101",

@@ -50,7 +50,7 @@ def test_a_free_plate_is_driven_away_as_a_rigid_body(tmp_path):
         "plate.contact_point_m=[0.05, 0.04]",
     )
     recording = recorded(scene, tmp_path / "a.mcap")
-    rows, h = truth_of(recording), scene.step_s
+    rows, h = truth_of(recording), scene.run.step_s
     plate = deflection(scene, recording, frames=np.array([1900, 1999]))
     weights = np.outer(np.gradient(plate.x_m), np.gradient(plate.y_m))
     weights[[0, -1]] *= 0.5
@@ -163,9 +163,9 @@ def test_a_structure_follows_its_module(tmp_path, monkeypatch):
     (tmp_path / "own_block.py").write_text(text)
     module = importlib.import_module("own_block")
     scene = load(str(EXAMPLES / "own_block.toml")).scene
-    assert resolve(scene).structure is resolve(scene).structure
-    assert resolve(scene).structure.mass_kg == 0.05
+    assert resolve(scene).mechanics.structure is resolve(scene).mechanics.structure
+    assert resolve(scene).mechanics.structure.mass_kg == 0.05
     (tmp_path / "own_block.py").write_text(text.replace("RATIO = 0.05,", "RATIO = 0.02,"))
     importlib.reload(module)
-    assert resolve(scene).structure.mass_kg == 0.02
+    assert resolve(scene).mechanics.structure.mass_kg == 0.02
     del sys.modules["own_block"]

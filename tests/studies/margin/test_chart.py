@@ -71,7 +71,7 @@ def test_the_binding_mode_has_indices_and_frequency():
 
 def test_a_structure_without_indices_has_a_number():
     setup = load("oak-20mm", [*VELOCITY, "plate.edges=cccc"])
-    natural = np.sort(np.abs(np.log(plant_in_flight(setup).poles[:20]))) / setup.step_s
+    natural = np.sort(np.abs(np.log(plant_in_flight(setup).poles[:20]))) / setup.run.step_s
     found = binding_mode(setup, float(natural[4]) / (2.0 * np.pi))
     assert found.indices is None
     assert mode_name(found) == "mode 5"

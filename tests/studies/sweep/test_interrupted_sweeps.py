@@ -60,7 +60,7 @@ def test_a_torn_last_line_is_run_again(tmp_path):
 
 def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path):
     scene, over = load("aluminium-3mm", COARSE), ["controller.latency_us=0:3:1"]
-    design = design_of(scene, axes_from(over), "grid", 256, scene.seed)
+    design = design_of(scene, axes_from(over), "grid", 256, scene.run.seed)
     out, report, kept = (tmp_path / name for name in ("r.csv", "r.json", "kept"))
     journal = study.journal_of(out)
 

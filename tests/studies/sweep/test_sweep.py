@@ -30,7 +30,7 @@ def test_the_impulse_of_a_case_is_the_change_of_momentum_in_its_first_contact(mo
     scene = load("aluminium-3mm", ["run.duration_s=0.0016", f"run.plate_model={model}"])
     case, found = metrics_of_case(scene), first_impact(scene, simulate(scene).truth)
     assert found is not None
-    it, sphere = found.impact, scene.sphere
+    it, sphere = found.impact, scene.mechanics.sphere
     change = sphere.mass_kg * (it.impact_speed_m_s + it.rebound_speed_m_s)
     weight = sphere.mass_kg * GRAVITY_M_S2 * it.duration_s
     assert case.impulse_n_s == pytest.approx(change + weight, rel=2e-5)  # read from the gap

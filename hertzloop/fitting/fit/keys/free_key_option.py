@@ -53,7 +53,9 @@ def parse_free_key(setup: Setup, text: str) -> FreeKey:
 def start_value(setup: Setup, key: str) -> float:
     """Return the starting value of a key. Raises FitError unless it is one positive number."""
     table, _, last = key.partition(".")
-    if last in _table_keys(setup, table) or (is_control_key(key) and setup.has_law):
+    if last in _table_keys(setup, table) or (
+        is_control_key(key) and setup.scene.controller.has_law
+    ):
         _refuse_without_influence(setup, key)
     found = value_of_key(setup, key)
     if _resolution_us(setup, key) is not None and (
@@ -73,7 +75,7 @@ def _resolution_us(setup: Setup, key: str) -> float | None:
     if key == "actuator.dead_time_us" or (
         table == "controller" and last in setup.scene.controller.whole_step_keys
     ):
-        return setup.step_ns / 1000
+        return setup.run.step_ns / 1000
     return None
 
 
@@ -127,7 +129,7 @@ def _table_keys(setup: Setup, table: str) -> Mapping[str, Any]:
 def _refuse_without_influence(setup: Setup, key: str) -> None:
     """Raise FitError for a key of the scene that no record can tell."""
     table, _, last = key.partition(".")
-    if is_control_key(key) and not setup.has_law:
+    if is_control_key(key) and not setup.scene.controller.has_law:
         raise FitError(
             f"--free {key}: cannot be fitted, as controller.law is off. {WITHOUT_CONTROL} Name "
             "the law that was on, --set controller.law=NAME."
@@ -158,7 +160,7 @@ def _why_no_start(setup: Setup, key: str, found: Any) -> str:
     """Return why a value of the scene cannot be the start of a fit, and what to do."""
     table, _, last = key.partition(".")
     fields = _table_keys(setup, table)
-    if table == "controller" and setup.has_law:
+    if table == "controller" and setup.scene.controller.has_law:
         fields = {**fields, **vars(setup.scene.controller.keys)}
     if last.partition(".")[0] not in fields:
         near = difflib.get_close_matches(last, fields, 1)

@@ -68,7 +68,7 @@ def refuse_mixed_clocks(records: Sequence[Record], controlled: Sequence[bool]) -
 def refuse_unknown_loop(setup: Setup) -> None:
     """Raise RecordError for a loop of which no two runs are alike, or without a law."""
     control, sensors = setup.scene.controller, setup.scene.sensors
-    if not setup.has_law:
+    if not setup.scene.controller.has_law:
         raise RecordError(
             "controller.law = off: a record is under control. Name the law, --set "
             "controller.law=NAME, or write control = false in the record table."
@@ -90,7 +90,7 @@ def refuse_unknown_loop(setup: Setup) -> None:
 
 def refuse_incomparable(record: Record, setup: Setup) -> None:
     """Raise RecordError for a record that the simulation under a law cannot be compared with."""
-    measurement, actuator = record.measurement, setup.actuator
+    measurement, actuator = record.measurement, setup.mechanics.actuator
     if measurement.point_m is not None:
         raise RecordError(
             f"record.point_m = {list(measurement.point_m)}: under a law {record.name} must be of "
@@ -104,7 +104,9 @@ def refuse_incomparable(record: Record, setup: Setup) -> None:
             "no sensor shows. Give actuator.bandwidth_hz, or record.low_pass_hz, the bandwidth of "
             "the sensor."
         )
-    moving = [q for q in (record.quantity, setup.quantity) if q in ("v_p", "acceleration")]
+    moving = [
+        q for q in (record.quantity, setup.scene.sensors.quantity) if q in ("v_p", "acceleration")
+    ]
     if moving and held:
         raise RecordError(
             f"{record.name}: without a bandwidth the actuator's force jumps at every step, and the "
@@ -133,7 +135,7 @@ def check_actuator_acts(problem: FitProblem, values: dict[str, float]) -> None:
 
 def control_notes(setup: Setup, names: list[str]) -> Iterator[str]:
     """Sentences on what a simulation under a law supposes of some records."""
-    law = setup.law_reference
+    law = setup.scene.controller.law
     yield (
         f"{', '.join(names)}: simulated under the law '{law}'. Write control = false in the record "
         "table if the law was off."

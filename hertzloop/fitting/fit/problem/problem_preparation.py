@@ -81,7 +81,7 @@ def _accuracy_of_modes(setup: Setup, channels: Sequence[Channel]) -> float:
         min(_ACCURACY.get(c.record.quantity, _ACCURACY_OF_GAP) * c.noise_over_peak, _COARSEST)
         for c in channels
     )
-    return min(max(accuracy, _FINEST), max(setup.accuracy, _FINEST))
+    return min(max(accuracy, _FINEST), max(setup.run.accuracy, _FINEST))
 
 
 def _align_channels(problem: FitProblem, start: dict[str, float], latency_us: float) -> None:
@@ -118,10 +118,11 @@ def with_measuring_point(record: Record, setup: Setup) -> Record:
     given, at_sensor = record.measurement.point_m, setup.mechanics.sensor_point_m
     if record.quantity not in PLATE_QUANTITIES:
         return record
-    if given is not None and setup.structure.mode_table is not None:
+    if given is not None and setup.mechanics.structure.mode_table is not None:
         raise RecordError(
-            f"record.point_m = {list(given)}: {setup.structure} know no points. Remove the key, "
-            "and give the file a column shape_sensor if the record is not of the contact point."
+            f"record.point_m = {list(given)}: {setup.mechanics.structure} know no points. Remove "
+            "the key, and give the file a column shape_sensor if the record is not of the contact "
+            "point."
         )
     if given is not None and setup.refusal({"plate.actuator_point_m": list(given)}):
         raise RecordError(
@@ -129,7 +130,7 @@ def with_measuring_point(record: Record, setup: Setup) -> Record:
             "two numbers within plate.size_m, m."
         )
     at = given or at_sensor
-    mass_kg = setup.actuator.mass_kg
+    mass_kg = setup.mechanics.actuator.mass_kg
     if at is not None and mass_kg and at != setup.mechanics.actuator_point_m:
         raise RecordError(
             f"actuator.mass_kg = {mass_kg:g}: not supported with {record.name} at "

@@ -68,7 +68,7 @@ def _build(
         duration_s += 1e-6 * setup.latency_us
         return LoopSimulator(own_setup.vary(known), duration_s, accuracy)
     base = own_setup.vary(drop_values(known))
-    contact_s = rigid_impact(base.sphere, base.contact).contact_s
+    contact_s = rigid_impact(base.mechanics.sphere, base.mechanics.contact).contact_s
     gains = [(c, _velocity_error_gain(c, contact_s)) for c in channels]
     errors = [_hidden_error(c, contact_s) / gain for c, gain in gains if gain]
     velocity_error = min(errors, default=None)
@@ -77,7 +77,7 @@ def _build(
 
 def rebuild_simulators(setup: Setup, problem: FitProblem, values: dict[str, float]) -> FitProblem:
     """Return the problem with the modes of its plates chosen anew, at other values of its keys."""
-    accuracy = problem.simulators[0].setup.accuracy
+    accuracy = problem.simulators[0].setup.run.accuracy
     looped = [simulator.looped for simulator in problem.simulators]
     simulators = build_simulators(setup, problem.channels, looped, values, accuracy)
     return replace(problem, simulators=simulators)

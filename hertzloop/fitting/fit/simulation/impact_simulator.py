@@ -83,7 +83,7 @@ class ImpactSimulator:
         velocity_error: float | None = None,
     ) -> None:
         free = setup.without_control()
-        lasts_s = rigid_impact(free.sphere, free.contact).contact_s
+        lasts_s = rigid_impact(free.mechanics.sphere, free.mechanics.contact).contact_s
         self.step_ns = step_ns or _step_ns(lasts_s, duration_s)
         self.contact_s = lasts_s
         changed: dict[str, Any] = {
@@ -96,8 +96,10 @@ class ImpactSimulator:
             "run.duration_s": 2.0 * LEAD_IN_S + duration_s,
         }
         if free.scene.contact.plasticity == "auto":
-            changed["contact.plasticity"] = "none" if free.contact.limit is None else "thornton"
-        if point_m is not None and free.structure.mode_table is None:
+            changed["contact.plasticity"] = (
+                "none" if free.mechanics.contact.limit is None else "thornton"
+            )
+        if point_m is not None and free.mechanics.structure.mode_table is None:
             changed["plate.actuator_point_m"] = point_m
         self.setup = free.vary(changed)
         self.away_from_contact = point_m is not None

@@ -42,7 +42,7 @@ class LoopSimulator(ImpactSimulator):
     def __init__(
         self, setup: Setup, duration_s: float, accuracy: float, plant_ns: int = PLANT_NS
     ) -> None:
-        self.parts = math.ceil(setup.step_ns / plant_ns)
+        self.parts = math.ceil(setup.run.step_ns / plant_ns)
         # The plant alone: times of the loop need not be whole steps of the plant.
         alone = setup.plant_only().scene
         ideal = alone.actuator.replaced(dead_time_us=None)
@@ -50,10 +50,10 @@ class LoopSimulator(ImpactSimulator):
             resolve(alone.replaced(actuator=ideal)),
             duration_s,
             accuracy,
-            step_ns=max(1, round(setup.step_ns / self.parts)),
+            step_ns=max(1, round(setup.run.step_ns / self.parts)),
         )
-        self.loop_step_s = setup.step_s
-        self.spec = replace(self.spec, step_s=setup.step_s / self.parts)
+        self.loop_step_s = setup.run.step_s
+        self.spec = replace(self.spec, step_s=setup.run.step_s / self.parts)
         kept = {
             f"run.{key}": getattr(self.setup.scene.run, key)
             for key in ("scheme", "plate_model", "accuracy")
@@ -61,12 +61,12 @@ class LoopSimulator(ImpactSimulator):
         changed = {
             "sensors.noise_rms": 0.0,
             "run.touch_phase": 0.5,
-            "run.duration_s": max(setup.duration_s, 2.0 * duration_s) + _ROOM_S,
+            "run.duration_s": max(setup.run.duration_s, 2.0 * duration_s) + _ROOM_S,
         }
         self.loop = setup.vary(kept | changed)
-        rounds = self.loop.sensor.bits is not None or self.loop.line.bits is not None
+        rounds = self.loop.sensor.bits is not None or self.loop.signal_path.bits is not None
         self.key_step = _KEY_STEP_ROUNDED if rounds else _KEY_STEP
-        self.phase_period = self.loop.every_steps
+        self.phase_period = self.loop.sensor.every_steps
 
     def spec_of(self, values: Mapping[str, float]) -> PlantSpec:
         """Return the plant with other values of some scene keys. Raises SceneError."""
@@ -80,9 +80,11 @@ class LoopSimulator(ImpactSimulator):
     ) -> SimulatedImpact:
         loop = self.loop.vary(values) if values else self.loop
         spec = self.spec_with(loop.mechanics)
-        horizon = 1 + loop.line.latency_steps + loop.line.most_added_steps
+        horizon = 1 + loop.signal_path.latency_steps + loop.signal_path.most_added_steps
         samples = _LEAD_SAMPLES + int(getattr(loop.scene.controller.keys, "window_samples", 0))
-        lead = loop.every_steps * (samples + math.ceil(_HORIZONS * horizon / loop.every_steps))
+        lead = loop.sensor.every_steps * (
+            samples + math.ceil(_HORIZONS * horizon / loop.sensor.every_steps)
+        )
         before = lead * self.parts + phase * self.parts
         spec = replace(spec, lead_in_s=(math.floor(before) + 0.5) * spec.step_s)
         plant = self.plant_of(spec, before - math.floor(before))

@@ -67,7 +67,7 @@ def chain_of_record(record: Record, setup: Setup) -> MeasuringChain:
     filters: Measurement | SensorSpec
     if record.measurement.filtered:
         filters = record.measurement
-    elif QUANTITIES[record.quantity].sensed == setup.quantity:
+    elif QUANTITIES[record.quantity].sensed == setup.scene.sensors.quantity:
         filters = setup.sensor
     else:
         return MeasuringChain()

@@ -64,7 +64,7 @@ class CheckedRequirement:
 def digits_of(setup: Setup, metric: str, value: float) -> float:
     """Return the part of a metric that cannot be predicted, in its unit: what the expected error of
     the plate's model makes of it, at least the accuracy of the scene."""
-    error = max(setup.accuracy, model_error.expected_error(setup))
+    error = max(setup.run.accuracy, model_error.expected_error(setup))
     if metric.endswith("_db"):
         return (CASE_METRICS[metric].db or 10.0) * math.log10(1.0 + error)
     return 2.0 * error * abs(value)
