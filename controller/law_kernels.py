@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 from numba import config, types
+from numba.core import cgutils
 from numba.core.base import BaseContext
 from numba.extending import intrinsic
 
@@ -67,64 +68,44 @@ _KINDS: dict[str, tuple[Any, Any]] = {
 
 
 @lru_cache(maxsize=256)
-def _function_at(address: int, result: str, arrays: int, integers: int) -> Any:
-    """The C function at an address, for Python."""
-    arguments = [ctypes.c_void_p] * arrays + [ctypes.c_int64] * integers
-    return ctypes.CFUNCTYPE(_KINDS[result][1], *arguments)(address)
+def _function_at(address: int, result: str, arguments: int) -> Any:
+    """The C function at an address, for Python; each argument is a word."""
+    return ctypes.CFUNCTYPE(_KINDS[result][1], *([ctypes.c_int64] * arguments))(address)
 
 
-def _caller(result: str, arrays: int, integers: int) -> Any:
-    """A function that calls the C function at an address, for compiled code or for Python."""
+def _caller(result: str) -> Any:
+    """A function that calls the C function at an address with arrays and whole numbers, for
+    compiled code or for Python."""
     if config.DISABLE_JIT:
 
-        def call(address: int, *values: Any) -> Any:
-            pointers = [array.ctypes.data for array in values[:arrays]]
-            function = _function_at(address, result, arrays, integers)
-            return function(*pointers, *(int(value) for value in values[arrays:]))
+        def call_in_python(address: int, given: tuple[Any, ...]) -> Any:
+            words = [v.ctypes.data if isinstance(v, np.ndarray) else int(v) for v in given]
+            return _function_at(address, result, len(words))(*words)
 
-        return call
+        return call_in_python
 
     def codegen(context: BaseContext, builder: Any, signature: Any, values: Any) -> Any:
         # It takes 40 ms to import, and only a process that compiles needs it.
         from numba.np.arrayobj import make_array
 
-        bytes_at, word = ir.IntType(8).as_pointer(), ir.IntType(64)
-        back = ir.DoubleType() if result == "double" else word
-        c_function = ir.FunctionType(back, [bytes_at] * arrays + [word] * integers)
-        pointers = [
-            builder.bitcast(make_array(kind)(context, builder, value).data, bytes_at)
-            for kind, value in zip(signature.args[1 : arrays + 1], values[1:], strict=False)
-        ]
-        function = builder.inttoptr(values[0], c_function.as_pointer())
-        return builder.call(function, [*pointers, *values[arrays + 1 :]])
-
-    kind = _KINDS[result][0]
-    if (arrays, integers) == (2, 0):
-
-        @intrinsic
-        def call_2(typingctx, address, p, s):
-            return kind(types.int64, p, s), codegen
-
-        return call_2
-    if integers == 1:
-
-        @intrinsic
-        def call_3_1(typingctx, address, p, s, samples, i):
-            return kind(types.int64, p, s, samples, types.int64), codegen
-
-        return call_3_1
+        kinds = signature.args[1].types
+        words = cgutils.unpack_tuple(builder, values[1], len(kinds))
+        for at, kind in enumerate(kinds):
+            if isinstance(kind, types.Array):
+                data = make_array(kind)(context, builder, words[at]).data
+                words[at] = builder.bitcast(data, ir.IntType(8).as_pointer())
+        back = context.get_value_type(signature.return_type)
+        c_function = ir.FunctionType(back, [word.type for word in words])
+        return builder.call(builder.inttoptr(values[0], c_function.as_pointer()), words)
 
     @intrinsic
-    def call_3_2(typingctx, address, p, s, samples, i, j):
-        return kind(types.int64, p, s, samples, types.int64, types.int64), codegen
+    def call(typingctx, address, given):
+        return _KINDS[result][0](types.int64, given), codegen
 
-    return call_3_2
+    return call
 
 
-_call_command = _caller("double", 3, 1)
-_call_known_ahead = _caller("int64", 3, 1)
-_call_command_ahead = _caller("double", 3, 2)
-_call_quiet_level = _caller("double", 2, 0)
+_call_double, _call_int64 = _caller("double"), _caller("int64")
 
 
 @kernel(part=True)
@@ -171,7 +152,7 @@ def quiet_level(model, state):
     """Level above which samples leave the law at zero from now on; inf without such a promise."""
     if model.quiet_level == 0:
         return math.inf
-    level = _call_quiet_level(model.quiet_level, model.parameters, state.record)
+    level = _call_double(model.quiet_level, (model.parameters, state.record))
     return level if level < math.inf else math.inf
 
 
@@ -181,10 +162,10 @@ def _ask_ahead(model, state, last):
     if model.known_ahead == 0:
         return
     counts, history = state.counts, state.history
-    known = _call_known_ahead(model.known_ahead, model.parameters, state.record, history, last)
+    known = _call_int64(model.known_ahead, (model.parameters, state.record, history, last))
     for index in range(counts[COMMANDED], last + 1 + min(known, history.size - last - 1)):
-        command = _call_command_ahead(
-            model.command_ahead, model.parameters, state.record, history, last, index
+        command = _call_double(
+            model.command_ahead, (model.parameters, state.record, history, last, index)
         )
         state.ahead[index] = _number(state, index, command)
         counts[COMMANDED] = index + 1
@@ -198,7 +179,7 @@ def take_sample(model, state, value):
     index = counts[SAMPLES]
     history[index] = value
     counts[SAMPLES] = index + 1
-    command = _call_command(model.command, model.parameters, state.record, history, index)
+    command = _call_double(model.command, (model.parameters, state.record, history, index))
     command = _as_promised(state, index, value, _number(state, index, command))
     counts[COMMANDED] = max(counts[COMMANDED], index + 1)
     _ask_ahead(model, state, index)

@@ -15,15 +15,12 @@ from pathlib import Path
 from threading import Lock
 from types import ModuleType
 from typing import Any, NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from llvmlite import ir
 from numba import cfunc, config, from_dtype, types
 from numba.core import cgutils
-from numba.core.caching import NullCache
-from numba.core.dispatcher import Dispatcher
-from numba.extending import intrinsic
+from numba.extending import intrinsic, is_jitted
 from numba.np.numpy_support import as_dtype
 
 from hertzloop.common.jit import kernel
@@ -128,11 +125,11 @@ def arguments_of(function: str) -> str:
     return f"p, s, {more}" if more else "p, s"
 
 
-def text_of(name: str, names: list[str]) -> str:
-    """The module that stands between C and a law's functions `names`."""
-    parts = [f'"""Between the compiled loop and the law {name}."""\n']
-    for function in names:
-        result, arguments = FUNCTIONS[function][0], arguments_of(function)
+def _text() -> str:
+    """The module that stands between C and a law's functions."""
+    parts = ['"""Between the compiled loop and a law."""\n']
+    for function, (result, _) in FUNCTIONS.items():
+        arguments = arguments_of(function)
         parts.append(
             f"def {function}({arguments}):\n"
             f"    return call_{result}(law_{function}, ({arguments}))\n"
@@ -140,20 +137,21 @@ def text_of(name: str, names: list[str]) -> str:
     return "\n".join(parts)
 
 
+_TEXT = _text()
+
+
 class LawCode(NamedTuple):
     """What is compiled of a law.
 
     Attributes:
         home: the module or class with its functions.
-        kept: whether compiled code is kept on the disk, under the digest.
-        dispatchers: those of Numba that the law has itself.
+        jitted: functions that these call and that the law has had compiled by Numba itself.
     """
 
     name: str
     digest: str
     home: Any
-    kept: bool = True
-    dispatchers: tuple[Dispatcher, ...] = ()
+    jitted: tuple[Any, ...] = ()
 
 
 class CompiledLaw:
@@ -164,27 +162,24 @@ class CompiledLaw:
     """
 
     def __init__(self, law: LawCode, parameters: np.dtype, state: np.dtype) -> None:
-        home, name, digest = law.home, law.name, law.digest
-        self._kept = law.kept
-        for dispatcher in law.dispatchers:
-            _forget_other_values(dispatcher, digest)
-        self._names = [name for name in FUNCTIONS if callable(getattr(home, name, None))]
-        text = text_of(name, self._names)
-        layout = f"{digest} {parameters} {state} {text}"
+        for function in law.jitted:  # Numba keeps it with the values that its globals had
+            function.recompile()
+        self._names = [name for name in FUNCTIONS if callable(getattr(law.home, name, None))]
+        layout = f"{law.name} {law.digest} {parameters} {state} {_TEXT}"
         module = ModuleType(f"hertzloop_law_{hashlib.sha256(layout.encode()).hexdigest()[:24]}")
         path = cache_folder() / "laws" / f"{module.__name__}.py"
-        if self._kept and not path.exists():
-            keep(path, text)
+        if not path.exists():
+            keep(path, _TEXT)
         module.__file__ = str(path)
         module.__dict__.update(call_double=call_double, call_int64=call_int64)
-        for function in self._names:
-            called = getattr(home, function)
-            if not isinstance(called, Dispatcher):
+        for name in self._names:
+            called = getattr(law.home, name)
+            if not is_jitted(called):
                 called = kernel(called, inline=True, allocates=True)
-            module.__dict__[f"law_{function}"] = called
+            module.__dict__[f"law_{name}"] = called
         # Numba looks for the module of what it loads by name.
         sys.modules[module.__name__] = module
-        exec(compile(text, module.__file__, "exec"), module.__dict__)
+        exec(compile(_TEXT, module.__file__, "exec"), module.__dict__)
         self._module, self._made = module, dict[str, Any]()
         self._records = types.CPointer(from_dtype(parameters)), types.CPointer(from_dtype(state))
         self._refused = Path(module.__file__).with_suffix(".refused")
@@ -203,8 +198,7 @@ class CompiledLaw:
             if "no compiled object yet" in str(error):  # Ctrl-C was lost in a call from LLVM
                 raise KeyboardInterrupt from error
             self.trouble = _first_line(error, name)
-            if self._kept:
-                keep(self._refused, self.trouble)
+            keep(self._refused, self.trouble)
         if self.trouble:
             return {}
         return {name: self._made[name].address for name in wanted}
@@ -216,20 +210,7 @@ class CompiledLaw:
         signature = _TYPES[result](*self._records, *samples, *words)
         function = self._module.__dict__[name]
         with kept_in(cache_folder()):
-            kept = self._kept and has_room()
-            return cfunc(signature, cache=kept, error_model="numpy")(function)
-
-
-_compiled_for: WeakKeyDictionary[Dispatcher, str] = WeakKeyDictionary()  # digests of laws
-
-
-def _forget_other_values(dispatcher: Dispatcher, digest: str) -> None:
-    """Have a law's own compiled function compiled with the values that its globals have now: Numba
-    keeps it with the values that they had, on the disk too where it was told to."""
-    dispatcher._cache = NullCache()  # type: ignore[attr-defined]
-    if dispatcher.overloads and _compiled_for.get(dispatcher) != digest:
-        dispatcher.recompile()
-    _compiled_for[dispatcher] = digest
+            return cfunc(signature, cache=has_room(), error_model="numpy")(function)
 
 
 def _first_line(error: Exception, function: str) -> str:

@@ -38,10 +38,9 @@ class Law:
         name: Name of the law, or path of its file.
         path: File of the law.
         source: Text of the file.
-        digest: Digest of text and identity; of the text alone for a shipped law or a library.
+        digest: Digest of text and values; of the file alone for a shipped law or a library.
         home: Module or class with the functions of the law.
-        identity: Functions of the law and the values that they read; None for a shipped law or a
-            library.
+        identity: Values that the law's functions read; None for a shipped law or a library.
 
     A law declares `senses`, `latches`, `open_loop` and `not_linear` by these names
     in its module or class.
@@ -108,16 +107,6 @@ class Law:
         """A sentence on its keys that a user should read before a run; usually empty."""
         return str(self._asked("note", keys) or "")
 
-    def identity_note(self) -> str:
-        """A sentence on a law whose identity is unknown; empty if it is known."""
-        if self.identity is None or not self.identity.unknown:
-            return ""
-        return (
-            f"law {self.name}: {self.identity.unknown}, so that it is unknown whether an earlier "
-            "run had the same law. Each process compiles it anew, and uses no earlier results. "
-            "Use numbers, strings, arrays or tuples of these as globals."
-        )
-
     def force_bound(self, keys: Any) -> ForceBound:
         """How far its force can go; without limit if it does not say. Raises LawError."""
         found = (
@@ -178,12 +167,6 @@ class Law:
                 "Return its value from prepare; the law reads it from p."
             )
 
-    def _code(self) -> LawCode:
-        known = self.identity
-        if known is None:  # shipped
-            return LawCode(self.name, self.digest, self.home)
-        return LawCode(self.name, self.digest, self.home, not known.unknown, known.dispatchers)
-
     def _asked(self, function: str, *about: Any) -> Any:
         """What one of its functions says before a run, None without it. Raises LawError."""
         try:
@@ -202,7 +185,9 @@ class Law:
     def bound_to(self, constants: Any, ahead: bool = True) -> BoundLaw:
         """The law with given constants. Raises LawError."""
         try:
-            return BoundPython(self._code(), constants, ahead)
+            jitted = self.identity.jitted if self.identity else ()
+            code = LawCode(self.name, self.digest, self.home, jitted)
+            return BoundPython(code, constants, ahead)
         except TypeError as error:
             raise LawError(f"law {self.name}: is invalid: {error}") from error
 

@@ -104,8 +104,8 @@ def _open_library(path: Path, digest: str) -> ctypes.CDLL:
     return library
 
 
-def library_law(path: Path, digest: str) -> LibraryLaw:
-    """The law in a shared library, as it is now. Raises LawError."""
+def library_law(path: Path, name: str | None, digest: str) -> LibraryLaw:
+    """The only law in a shared library, as it is now. Raises LawError."""
     try:
         library = _open_library(path, digest)
     except OSError as error:

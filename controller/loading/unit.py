@@ -191,8 +191,8 @@ class _Instance:
         )
 
 
-def unit_law(path: Path, digest: str) -> UnitLaw:
-    """The law in an FMU. Raises LawError."""
+def unit_law(path: Path, name: str | None, digest: str) -> UnitLaw:
+    """The only law in an FMU. Raises LawError."""
     try:
         import fmpy
     except ModuleNotFoundError:

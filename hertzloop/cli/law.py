@@ -135,8 +135,6 @@ def replay(
     setup = scene_with(recording, law, keys)
     found = replay_law(recording, setup)
     say_problems(recording)
-    if note := loaded_law(setup).identity_note():
-        err.say(note)
     out.say(_difference(found, loaded_law(setup).name))
     outputs.write_json(json_file, {"steps": len(found.other_n), "first_difference": found.first})
     if found.first is not None:

@@ -8,8 +8,9 @@ from typing import Any
 
 from hertzloop.cli.terminal import err, fail, if_interrupted
 from hertzloop.studies.cases.finished_cases import FinishedCases, kept
-from hertzloop.studies.cases.identity import unidentified_laws
 from hertzloop.studies.cases.workers import WorkersLost
+
+CONTINUE = "Run the same command again to continue"
 
 
 @contextmanager
@@ -33,23 +34,6 @@ def cases_are_kept(explain: Callable[[], str], target: str) -> Iterator[None]:
         fail(f"cannot write {error.filename or target}: {reason}; {explain()}.", 1)
 
 
-def how_to_continue(kept_cases: str, journal: Path, header: dict[str, Any]) -> str:
-    """Return a clause on the finished cases of a command that was cut short.
-
-    Args:
-        kept_cases: A clause on where they are.
-        journal: The file that keeps them.
-        header: Everything that decides the cases.
-    """
-    laws = ", ".join(unidentified_laws(header))
-    if not laws:
-        return f"{kept_cases}. Run the same command again to continue"
-    return (
-        f"its finished cases cannot be continued, since it is unknown whether {laws} is still the "
-        f"same law. Remove {journal} and start again"
-    )
-
-
 @contextmanager
 def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[FinishedCases]:
     """Keep finished cases in a journal, so that the same command continues after an interruption.
@@ -68,7 +52,7 @@ def resumable(folder: Path, name: str, header: dict[str, Any]) -> Iterator[Finis
         kept(folder, name, header) as finished,
     ):
         path = finished.journal.path
-        kept_cases = how_to_continue(f"finished cases are kept in {path}", path, header)
+        kept_cases = f"finished cases are kept in {path}. {CONTINUE}"
         if finished.found:
             err.say(f"Continuing with {finished.found} finished cases of {path}.")
         for line in finished.journal.damaged:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from hertzloop.cli import options, outputs, prepare
-from hertzloop.cli.many_cases import cases_are_kept, end_if_failed, how_to_continue
+from hertzloop.cli.many_cases import CONTINUE, cases_are_kept, end_if_failed
 from hertzloop.cli.sweep_results import (
     SweepArguments,
     SweepStudy,
@@ -165,10 +165,8 @@ def _check_not_swept(arguments: SweepArguments, plan: SweepPlan) -> None:
 def _run(study: SweepStudy) -> SweepResult:
     """Run the cases with a progress bar; end the command if they cannot be finished."""
     total, target = study.total, study.results_file
-    journal = sweep_study.journal_of(target)
-    clause = how_to_continue("finished cases are kept", journal, study.plan.identity)
     with (
-        cases_are_kept(lambda: clause, str(target)),
+        cases_are_kept(lambda: f"finished cases are kept. {CONTINUE}", str(target)),
         progress(f"{total} cases", total) as advance,
     ):
         return sweep_study.sweep(

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.bus.streams import CONTROLLER
-from hertzloop.controller.loading.identity import same_law
 from hertzloop.plant.time_series import TRUTH
 from hertzloop.recordings.joined_stream import Arrays
 from hertzloop.recordings.recording import Recording
@@ -88,8 +87,8 @@ class RecordedLaw:
     @property
     def as_announced(self) -> bool:
         """Whether the controller reported the announced law, with the same files."""
-        digests = self.law_digest or "", self.scene_law_digest or ""
-        return bool(self.law) and self.law == self.scene_law and same_law(*digests)
+        same = (self.law, self.law_digest) == (self.scene_law, self.scene_law_digest)
+        return bool(self.law) and same
 
 
 def reported_law(recording: Recording) -> tuple[str, str]:

@@ -2,8 +2,9 @@
 
 import pytest
 
-from hertzloop.controller.loading import registry
-from hertzloop.controller.loading.registry import digest_of, find
+from hertzloop.controller.loading import identity
+from hertzloop.controller.loading.identity import text_digest
+from hertzloop.controller.loading.registry import find
 
 
 @pytest.fixture
@@ -18,35 +19,35 @@ def law(tmp_path):
 
 @pytest.mark.parametrize("name", ["mine", "shaping", "tables"])
 def test_every_file_that_is_used_counts(law, name):
-    before = digest_of(law)
+    before = text_digest(law)
     file = law.with_name(f"{name}.py")
     file.write_text(file.read_text() + "# again\n")
-    assert digest_of(law) != before
+    assert text_digest(law) != before
 
 
 def test_a_file_that_is_not_used_does_not(law):
-    before = digest_of(law)
+    before = text_digest(law)
     law.with_name("notes.py").unlink()
-    assert digest_of(law) == before
+    assert text_digest(law) == before
 
 
 def test_shipped_laws_are_among_those_used(law, tmp_path, monkeypatch):
     """A version of hertzloop that changes them changes the law that builds on them."""
     shipped = tmp_path / "laws" / "slope_threshold.py"
-    assert (registry.SHIPPED / shipped.name).is_file()
-    monkeypatch.setattr(registry, "SHIPPED", shipped.parent)
+    assert (identity.SHIPPED / shipped.name).is_file()
+    monkeypatch.setattr(identity, "SHIPPED", shipped.parent)
     shipped.parent.mkdir()
     shipped.write_text("GAIN = 1.0\n")
     law.write_text("from hertzloop.controller.laws import slope_threshold\n")
-    before = digest_of(law)
+    before = text_digest(law)
     shipped.write_text("GAIN = 1.5\n")
-    assert digest_of(law) != before
+    assert text_digest(law) != before
 
 
 def test_a_file_is_looked_for_in_the_working_folder(tmp_path, monkeypatch):
-    (tmp_path / "mine.py").write_text((registry.SHIPPED / "off.py").read_text())
+    (tmp_path / "mine.py").write_text((identity.SHIPPED / "off.py").read_text())
     monkeypatch.chdir(tmp_path)
     law = find("mine.py")
     monkeypatch.chdir("/")
     assert law.path == tmp_path / "mine.py"
-    assert law.digest.startswith(digest_of(law.path)[:16])
+    assert law.digest.startswith(text_digest(law.path)[:16])

@@ -1,7 +1,6 @@
 """What decides cases and their bits: scenes, laws with their digests, versions of the code."""
 
 import hashlib
-import secrets
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
@@ -34,13 +33,10 @@ def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:
     found = {}
     for reference in named:
         law = find(resolve(reference))
-        digest = law.digest
-        if law.identity_note():  # its digest does not identify it: nothing earlier is used
-            digest += secrets.token_hex(8)
         constants = "" if law.name in shipped() else _constants_digest(setup, reference)
         found[reference] = {
             "name": law.name,
-            "digest": digest,
+            "digest": law.digest,
             "source": law.source,
             "constants": constants,
         }
@@ -75,8 +71,3 @@ def work_of(scenes: Sequence[Setup], laws: Iterable[str], design: Design) -> dic
         },
         "versions": code_version(),
     }
-
-
-def unidentified_laws(header: dict[str, Any]) -> list[str]:
-    """Return the laws of a header that no later start can recognise, so that it begins anew."""
-    return [law for law in header["laws"] if find(resolve(law)).identity_note()]

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import hertzloop
-from hertzloop.controller.loading import compiled, registry
+from hertzloop.controller.loading import compiled
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
 from hertzloop.scene.errors import SceneError
@@ -107,16 +107,6 @@ def test_a_scene_follows_its_law():
         hertzloop.simulate(asked)
 
 
-def test_a_law_of_unknown_identity_runs_in_one_process(here):
-    """Plant and controller load it one after the other: each counts it anew."""
-    text = law("VALUES = [0.5]\n", "VALUES[0]")
-    Path("mine.py").write_text(text)
-    scene = hertzloop.load("aluminium-3mm", SHORT)
-    assert "unknown" in scene.controller.law_digest
-    run = hertzloop.run(scene, "run.mcap", transport="inprocess")
-    assert run.impacts[0].peak_force_n == hertzloop.simulate(scene).impacts[0].peak_force_n
-
-
 def test_the_environment(monkeypatch):
     Path("mine.py").write_text(law("import os\nK = float(os.environ['OWN_GAIN'])"))
     for gain in (0.2, 0.5):
@@ -142,31 +132,39 @@ def test_a_module_that_was_imported_before(here, monkeypatch):
     del sys.modules["own_array"]
 
 
-@pytest.mark.parametrize(
-    ("before", "unknown"),
-    [
-        ("CONFIG = {'k': 0.2}\nK = CONFIG['k']\n", ""),
-        ("CONFIG = {'k': 0.2}", "CONFIG is a dict"),
-        ("import numpy as np\nCONFIG = np.array([{}])", "CONFIG is a ndarray"),
-        ("import time\nCONFIG = time.time", "CONFIG is the function time.time"),
-    ],
-)
-def test_a_global_that_cannot_be_told(before, unknown):
-    """Such a law is another one each time that it is loaded, and says so."""
-    Path("mine.py").write_text(
-        law(before, "(0.2 if CONFIG is not None else 0.0)" if unknown else "K")
-    )
-    one, other = find("mine.py"), registry.load_anew("mine.py")
-    note = one.identity_note()
-    if not unknown:
-        assert not note
-        assert one.digest == other.digest
-        return
-    assert f"law mine.py: {unknown}, so that it is unknown" in note
-    assert one.digest != other.digest
-    assert one.digest[:16] == other.digest[:16]
-    with pytest.warns(UserWarning, match=unknown):
-        assert peak_n() == plain(0.2)
+VALUES = {
+    "dict": ("CONFIG = {'k': GAIN}\n", "CONFIG['k']"),
+    "array of objects": (
+        "import numpy as np\nCONFIG = np.array([{'k': GAIN}])\n",
+        "CONFIG[0]['k']",
+    ),
+    "object": (
+        "from types import SimpleNamespace\nCONFIG = SimpleNamespace(k=GAIN)\n",
+        "CONFIG.k",
+    ),
+    "closure": (
+        "def made(k):\n    def inner():\n        return k\n    return inner\nCONFIG = made(GAIN)\n",
+        "CONFIG()",
+    ),
+    "default": ("def k(k=GAIN):\n    return k\n", "k()"),
+    "function of a library": (
+        "import functools\nCONFIG = functools.partial(max, GAIN)\n",
+        "CONFIG(0.0)",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", VALUES)
+def test_values_of_any_kind_identify_a_law(kind):
+    before, gain = VALUES[kind]
+    reads = f"{READS}GAIN = float((HERE / 'k.txt').read_text())\n"
+    digests = []
+    for value in (0.2, 0.5, 0.2):
+        write({"mine.py": law(reads + before, gain).replace("GAIN", "G_"), "k.txt": "GAIN"}, value)
+        assert peak_n() == plain(value)
+        digests.append(find("mine.py").digest)
+    assert digests[0] == digests[2] != digests[1]
+    assert len({digest[:16] for digest in digests}) == 1
 
 
 def test_prepare_that_changes_a_global():

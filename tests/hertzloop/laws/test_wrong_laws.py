@@ -179,18 +179,8 @@ def test_a_loop_without_end_before_the_run(here, monkeypatch):
     monkeypatch.undo()
     monkeypatch.setattr("hertzloop.processes.law_trial._PATIENCE_S", 0.5)
     write_law(here, "while i == 30: s.largest_n += 0.0")
-    with pytest.raises(SceneError, match=r"did not answer sample 30 .* for an endless loop\."):
+    with pytest.raises(SceneError, match=r"came to sample 30\. Check it for an endless loop"):
         try_law(aluminium_3mm(SHORT, f"controller.law={here}/mine.py"))
-
-
-def test_a_slow_law_is_told_what_it_takes(here, monkeypatch):
-    """Not that it might have an endless loop."""
-    monkeypatch.setattr("hertzloop.processes.law_trial._PATIENCE_S", 1.0)
-    write_law(here, "import time; time.sleep(0.01)")
-    with pytest.raises(SceneError, match=r"takes ([\d,]+) us a sample; at most 833 are") as refused:
-        try_law(aluminium_3mm(SHORT, f"controller.law={here}/mine.py"))
-    took_us = float(str(refused.value).partition("takes ")[2].split()[0].replace(",", ""))
-    assert 10e3 <= took_us < 100e3
 
 
 def test_a_module_is_loaded_with_the_same_care(here, monkeypatch):
