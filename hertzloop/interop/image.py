@@ -24,7 +24,6 @@ from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.setup import Setup
-from hertzloop.scene.tables import PHASE_STREAM
 from hertzloop.sensors.acquisition import NOISE_STREAM
 
 _MODEL, _STATE, _NOISE = range(3)
@@ -98,7 +97,7 @@ def image(setup: Setup) -> Image:
         "NOISE": count,
         "NOISE_RMS": setup.sensor.noise_rms,
         "NOISE_STREAM": NOISE_STREAM,
-        "PHASE_STREAM": PHASE_STREAM,
+        "PHASE_STREAM": setup.run.PHASE_STREAM,
         "TOUCH_PHASE": -1.0 if phase == "random" else float(phase),
         "DIGEST": int.from_bytes(hashlib.sha256(data).digest()[:7], "little"),
         **places,

@@ -1,6 +1,7 @@
 """The table `[controller]`: the law with its keys, and the path of its force."""
 
 from functools import lru_cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal
 
@@ -8,11 +9,18 @@ from pydantic import ConfigDict, Field, ValidationError, ValidationInfo, model_v
 from pydantic.fields import FieldInfo
 
 from hertzloop.controller.loading.law import Law, LawError
-from hertzloop.controller.loading.registry import NO_CONTROL, find, shipped_keys
+from hertzloop.controller.loading.registry import (
+    NO_CONTROL,
+    check_one_file,
+    find,
+    resolve,
+    shipped_keys,
+)
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.scene.errors import sentence, shown, unknown_key
 from hertzloop.scene.tables import SceneTable
 
+DEFAULT_LAW = "slope_threshold"
 # Laws of checked tables by reference and digest: a case asks for its law a dozen times.
 _CHECKED: dict[tuple[str, str], Law] = {}
 _MOST_CHECKED = 64
@@ -29,7 +37,7 @@ class ControllerTable(SceneTable):
 
     model_config = ConfigDict(extra="allow")
 
-    law: str = "slope_threshold"
+    law: str = DEFAULT_LAW
     """control law: a shipped name, a file (mine.py, mine.py:Name), package.module:Name, an entry
     point, a library (mine.so), or a co-simulation unit (mine.fmu)"""
     law_digest: str | None = None
@@ -164,22 +172,22 @@ def _of_another_law(name: str, value: Any, law: Law) -> str:
     )
 
 
-def switch_law(data: dict[str, Any], name: str, written: bool = False) -> None:
+def switch_law(
+    data: dict[str, Any], reference: str, folder: Path | None = None, written: bool = False
+) -> None:
     """Put another law into a table, and drop what belongs to the old one alone: its digest, and
     keys that the new law does not have. Keys that the old law has by default are dropped as well,
-    unless they are `written` in a file. Raises LawError."""
-    fields = find(name).keys.model_fields
-    digest = data.pop("law_digest", None)
-    old = {}
+    unless they are `written` in a file. A law's file may be in `folder`. Raises LawError."""
+    check_one_file(reference, folder)
+    law = resolve(reference, folder)
+    digest, old = data.pop("law_digest", None), str(data.get("law", DEFAULT_LAW))
+    data["law"] = law
     try:
-        old = find(
-            str(data.get("law", ControllerTable.model_fields["law"].default)), digest
-        ).keys.model_fields
-        of_old = set(old)
+        of_old = find(resolve(old, folder), digest).keys.model_fields
     except LawError:  # a recording may outlive its law
-        of_old = set(data)
-    for key in of_old & data.keys() - ControllerTable.model_fields.keys():
-        is_default = key in old and data[key] == old[key].default
-        if key not in fields or (is_default and not written):
+        of_old = {}
+    for key in data.keys() - ControllerTable.model_fields.keys():
+        is_default = key in of_old and data[key] == of_old[key].default
+        belongs = key in of_old or not of_old
+        if belongs and (key not in find(law).keys.model_fields or (is_default and not written)):
             del data[key]
-    data["law"] = name

@@ -2,8 +2,7 @@
 
 import difflib
 import shlex
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from hertzloop.common.missing_files import close_name, why_unreadable
 from hertzloop.common.readable import argument
 from hertzloop.common.text_files import text_of
 from hertzloop.controller.loading.law import LawError
-from hertzloop.controller.loading.registry import check_one_file, read_again, resolve
+from hertzloop.controller.loading.registry import read_again, resolve
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.scene.attached_files import inline_files
 from hertzloop.scene.controller_table import switch_law
@@ -116,10 +115,10 @@ def parse(
             f"the scene{name and ' ' + shortened(name)} is not valid TOML: {shortened(str(error))}"
         ) from error
     inline_files(data, folder or Path())
-    _apply_settings(data, settings, folder)
-    inline_files(data, Path())
+    values = dict(parse_setting(setting) for setting in settings)
     if seed is not None:
-        set_key(data, "run.seed", seed)
+        values["run.seed"] = seed
+    change(data, values, folder, written=True)
     if law is not None:
         set_key(data, "controller.law", law)
     return validate_scene(data, folder, recorded)
@@ -140,26 +139,35 @@ def validate_scene(
         raise SceneError(sentence(error, Scene)) from error
 
 
-def _apply_settings(data: dict[str, Any], texts: Iterable[str], folder: Path | None) -> None:
-    """Set each `key=value`, and drop keys of a file that have no effect any more. Raises
-    SceneError."""
-    pairs = [parse_setting(text) for text in texts]
-    settings = dict(pairs)
-    drop_unused_keys(data, settings)
-    if {key.partition(".")[0] for key in settings} & _DESCRIBED:
+def change(
+    data: dict[str, Any],
+    values: Mapping[str, Any],
+    folder: Path | None = None,
+    written: bool = False,
+) -> None:
+    """Set keys "table.key" of a scene's tables, and drop what has no effect beside them any more.
+
+    Args:
+        data: the tables, as plain data.
+        values: new values by scene key; files that they name are in the working folder.
+        folder: folder of the scene, where a law's file may be as well.
+        written: whether `data` has only what somebody wrote, none of the defaults.
+
+    Raises:
+        SceneError: a key or a file cannot be.
+    """
+    drop_unused_keys(data, values)
+    if {key.partition(".")[0] for key in values} & _DESCRIBED:
         data.pop("shows", None)  # it was written for other bodies
-    law, table = settings.get("controller.law"), data.get("controller")
+    law, table = values.get("controller.law"), data.get("controller", {})
     if isinstance(law, str) and isinstance(table, dict):
         try:
-            check_one_file(law, folder)
+            switch_law(table, law, folder, written)
         except LawError as error:
             raise SceneError(str(error)) from error
-        with suppress(LawError):  # the check of the table says so
-            if isinstance(table.get("law"), str):
-                table["law"] = resolve(table["law"], folder)
-            switch_law(table, resolve(law, folder), written=True)
-    for key, value in pairs:
+    for key, value in values.items():
         set_key(data, key, value)
+    inline_files(data, Path())
 
 
 def parse_setting(setting: str) -> tuple[str, Any]:

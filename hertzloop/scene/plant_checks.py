@@ -15,14 +15,14 @@ _MIDDLE = 0.5  # touch phase of a run that says nothing else
 
 
 @lru_cache(maxsize=64)
-def plant_problems(scene: PlantTables, run: RunTable) -> tuple[list[str], list[str]]:
-    """Of the plate alone, and of the run with all that is neither sensor nor controller."""
+def plant_problems(scene: PlantTables, run: RunTable) -> list[str]:
+    """Of all that is neither sensor nor controller."""
     of_plate = _structure_problems(scene.plate) + _point_problems(scene.plate, scene.sensor_point_m)
     of_sphere = _sphere_problems(scene.sphere)
     if of_sphere:  # what else there is may follow from it
-        return of_sphere, []
+        return of_sphere
     of_run = _phase_problems(scene, run) + _scheme_problems(scene, run)
-    return of_plate, of_run + unused_key_problems(scene)
+    return of_plate + of_run + unused_key_problems(scene)
 
 
 def _sphere_problems(sphere: SphereTable) -> list[str]:

@@ -8,12 +8,13 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find
-from hertzloop.scene.checks import problems
-from hertzloop.scene.controller_table import ControllerTable, is_recorded, without_law
-from hertzloop.scene.errors import SceneError, shown
+from hertzloop.scene.controller_table import DEFAULT_LAW, ControllerTable, is_recorded, without_law
+from hertzloop.scene.errors import shown
 from hertzloop.scene.materials import check_materials
+from hertzloop.scene.plant_checks import plant_problems
 from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.rules import problem_of
 from hertzloop.scene.tables import (
     ActuatorTable,
     ContactTable,
@@ -82,27 +83,9 @@ class Scene(SceneTable):
             self.sensors.point_m,
         )
 
-    @property
-    def step_s(self) -> float:
-        """Length of a step, s."""
-        return self.run.step_s
-
-    @property
-    def steps(self) -> int:
-        """Length of the run in steps."""
-        return self.run.steps
-
     def without_control(self) -> "Scene":
         """The same scene with the law switched off."""
         return self.replaced(controller=without_law(self.controller))
-
-    def problems(self) -> list[str]:
-        """Sentences on values that are possible alone, but not together. Raises SceneError if the
-        law is missing."""
-        try:
-            return problems(self.plant_tables, self.sensors, self.controller, self.run)
-        except LawError as error:
-            raise SceneError(str(error)) from error
 
     @model_validator(mode="before")
     @classmethod
@@ -116,9 +99,7 @@ class Scene(SceneTable):
         if sensors.get("quantity", "auto") != "auto":
             return data
         try:
-            senses = find(
-                str(control.get("law", "slope_threshold")), control.get("law_digest")
-            ).senses
+            senses = find(str(control.get("law", DEFAULT_LAW)), control.get("law_digest")).senses
         except LawError:  # the table of the controller says so
             senses = "xi"
         senses = senses.partition(",")[0]  # the default of several
@@ -135,6 +116,10 @@ class Scene(SceneTable):
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> "Scene":
-        for problem in [] if is_recorded(info) else self.problems():
+        if not is_recorded(info) and (problem := _problem_of_plant(self) or problem_of(self)):
             raise ValueError(problem)
         return self
+
+
+def _problem_of_plant(scene: Scene) -> str:
+    return next(iter(plant_problems(scene.plant_tables, scene.run)), "")

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, WrapValidator, field_validator
@@ -285,14 +285,13 @@ class ActuatorTable(SceneTable):
     _no_mass = field_validator("mass_kg", mode="before")(_none_of_zero)
 
 
-PHASE_STREAM = 4  # random stream of the touch phase; sensor and controller have others
-
-
 class RunTable(SceneTable):
     """Length, scheme, step, accuracy and seed. The run starts `lead_in_s` before the first
     contact. `plate_model`: the plate's modes, an infinite plate, or ("auto") the infinite one
     where the run is over before reflections matter at `accuracy`. `touch_phase`: part of a step
     from the last sample above the plate to the first touch, or "random", drawn by the seed."""
+
+    PHASE_STREAM: ClassVar[int] = 4  # of random numbers; sensor and controller have others
 
     duration_s: Annotated[float, Field(gt=0.0, le=1e9)]
     """duration of the run"""
@@ -321,8 +320,13 @@ class RunTable(SceneTable):
         """Part of a step from the last sample above the plate to the first touch."""
         if self.touch_phase != "random":
             return self.touch_phase
-        key = [self.seed, PHASE_STREAM]
+        key = [self.seed, self.PHASE_STREAM]
         return float(np.random.Generator(np.random.Philox(key=key)).random())
+
+    @property
+    def step_us(self) -> float:
+        """Length of a step, us."""
+        return self.step_ns / 1000
 
     @property
     def steps(self) -> int:
