@@ -10,7 +10,6 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.impacts import through_first_contact
 from hertzloop.results.metrics import free_metrics
-from hertzloop.results.model import parts_of
 from hertzloop.results.recorded import blocks_of
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.verdict import assess_recording
@@ -71,7 +70,6 @@ def run_and_assess(
         recording=recorded,
         assessed=assess_recording(setup, recorded, free_metrics(setup)),
         balance=balance,
-        parts=parts_of(setup, balance),
         transport=options.transport.value,
         wall_s=stats["wall_s"],
         exchanges=int(stats["exchanges"]),

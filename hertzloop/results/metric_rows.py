@@ -130,7 +130,7 @@ def metric_rows(
     own = uncertain_values(result.metrics, known.model_error, known.controlled, phases)
     if free is None:
         return [MetricRow(*key, value) for key, value in own.items()]
-    other = uncertain_values(free, known.free_error, known.uncontrolled)
+    other = uncertain_values(free, known.model_error, known.uncontrolled)
     if result.metrics.stability.unstable:
         return [MetricRow(*key, value, other[key]) for key, value in own.items()]
     return compared(own, other)

@@ -210,7 +210,6 @@ class Predictability:
         uncontrolled: the same for the run without control.
         not_repeatable: why the run cannot be simulated again; None if it can.
         disturbance: relative disturbance of the start.
-        free_error: model error of the run without control, which no law makes sensitive.
     """
 
     model_error: float | None
@@ -218,7 +217,6 @@ class Predictability:
     uncontrolled: list[ImpactErrors] | None
     not_repeatable: NotRepeatable | None = None
     disturbance: float = DISTURBANCE
-    free_error: float | None = None
 
 
 NOTHING_KNOWN = Predictability(None, None, None)
@@ -229,7 +227,6 @@ def predictability(
     result: RunResult,
     free: Metrics | None,
     not_repeatable: NotRepeatable | None = None,
-    free_error: float | None = None,
 ) -> Predictability:
     """Estimate how well the impacts of a run can be known.
 
@@ -238,16 +235,13 @@ def predictability(
         result: The run. If its forces were late, the same run in lock-step is evaluated instead.
         free: Metrics of the run without control.
         not_repeatable: Why the closed loop cannot be simulated again, if so.
-        free_error: Model error of the run without control; None: that of the run.
 
     Returns:
         The errors of each impact; nothing is known of the impacts of an unstable loop.
     """
     error, without = result.expected_error, setup.without_control(same_plate=True)
-    free_error = error if free_error is None else free_error
     if not SCHEMES[setup.run.scheme].converges:  # no finer model tells an error from its numbers
-        error = free_error = None
-
+        error = None
     own = other = None
     if not not_repeatable and not result.metrics.stability.unstable and error is not None:
         own_metrics = result.metrics
@@ -259,6 +253,6 @@ def predictability(
             not_repeatable = NotRepeatable(WhyNotRepeatable.LAW_STOPPED, error=str(stopped))
     if not setup.scene.controller.has_law:
         other = own
-    elif free_error is not None and free is not None:
-        other = known_impacts(without, free.impacts, free_error, noise=free.noise)
-    return Predictability(error, own, other, not_repeatable, free_error=free_error)
+    elif error is not None and free is not None:
+        other = known_impacts(without, free.impacts, error, noise=free.noise)
+    return Predictability(error, own, other, not_repeatable)

@@ -3,11 +3,9 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.recordings.recording import Recording
-from hertzloop.results import model
 from hertzloop.results import verdict as verdicts
 from hertzloop.results.verification import Verification
 from hertzloop.scene.setup import Setup
@@ -22,7 +20,6 @@ class RunReport:
         recording: the recording, as read after the run.
         assessed: metrics of the run, and their assessment.
         balance: energy and momentum balance at the end of the run.
-        parts: models that the run used for its plant.
         transport: name of the transport.
         wall_s: wall time of the loop, s.
         exchanges: number of exchanges between plant and controller.
@@ -41,7 +38,6 @@ class RunReport:
     recording: Recording
     assessed: verdicts.RunAssessment
     balance: EnergyBalance
-    parts: model.PlantParts
     transport: str
     wall_s: float
     exchanges: int
@@ -58,8 +54,3 @@ class RunReport:
     def expects(self) -> tuple[float | None, float]:
         """The expected error and the requested one, relative."""
         return self.assessed.result.expected_error, self.assessed.requested_accuracy
-
-    @property
-    def structure(self) -> dict[str, Any]:
-        """The structure and the quality of its modes, as in `structure_summary`."""
-        return model.structure_summary(self.setup)

@@ -1,11 +1,10 @@
 """Assess a run: whether control helped, in what, why not, and what spoils the metrics."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum, auto
 
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.recordings.recording import Recording
-from hertzloop.results.law_accuracy import LawAccuracy, law_accuracy, stated_error
 from hertzloop.results.metric_rows import MetricRow, Rows, UncertainValue, metric_rows, row_of
 from hertzloop.results.metrics import Metrics, RunResult, metrics_of
 from hertzloop.results.model import Yield, yield_of
@@ -106,17 +105,15 @@ class Assessment:
     """The assessment of a run's metrics.
 
     Attributes:
-        result: the run, with the model error that it states.
+        result: the run.
         control: what control changes; None if there is no run to compare with.
         predictability: how well the impacts can be known.
-        law_accuracy: accuracy under the law; None if it was not evaluated.
         rows: all metrics, with their errors, ranges and changes.
     """
 
     result: RunResult
     control: Control | None
     predictability: Predictability
-    law_accuracy: LawAccuracy | None
     rows: Rows
 
 
@@ -142,7 +139,7 @@ class RunAssessment:
 
     @property
     def result(self) -> RunResult:
-        """The run, with the model error that it states."""
+        """The run."""
         return self.assessment.result
 
 
@@ -175,19 +172,14 @@ def assess(
     not_repeatable: NotRepeatable | None = None,
 ) -> Assessment:
     """Assess the metrics of a run; arguments as for `assess_recording`."""
-    accuracy = None if result.late or not_repeatable else law_accuracy(setup, result.metrics)
-    without_law = result.expected_error
-    result = replace(result, expected_error=stated_error(without_law, accuracy))
-    known = predictability(setup, result, free, not_repeatable, without_law)
-    phases = at_other_phases(setup, result, known)
-    return verdict(result, free, known, accuracy, phases)
+    known = predictability(setup, result, free, not_repeatable)
+    return verdict(result, free, known, at_other_phases(setup, result, known))
 
 
 def verdict(
     result: RunResult,
     free: Metrics | None = None,
     known: Predictability = NOTHING_KNOWN,
-    accuracy: LawAccuracy | None = None,
     phases: OtherPhases = SAME_PHASE,
 ) -> Assessment:
     """Return the assessment of a run whose errors are known; without `free`, the metrics of the run
@@ -197,7 +189,7 @@ def verdict(
     comparable = bool(metrics.impacts) and not metrics.stability.unstable
     if comparable and free is not None and free.impacts and result.scene_law != NO_CONTROL:
         control = _control(result, free, known, rows)
-    return Assessment(result, control, known, accuracy, rows)
+    return Assessment(result, control, known, rows)
 
 
 def _control(result: RunResult, free: Metrics, known: Predictability, rows: Rows) -> Control:

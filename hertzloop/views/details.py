@@ -1,14 +1,12 @@
-"""The properties of a run that `--details` prints: scheme, plate model, latency, residuals."""
+"""Facts of a run beside its metrics, one row each: the table of `--details`, and `--json`."""
 
 import math
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
-from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.common.readable import quantity
-from hertzloop.loop.run_options import Transport
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results import model
-from hertzloop.results.model import step_limit_hz
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.statistics import ActuatorDemand
 from hertzloop.scene.controller import mean_latency_us
@@ -17,111 +15,20 @@ from hertzloop.views.format import Table
 from hertzloop.views.law_line import law_line
 
 
-def run_table(report: RunReport) -> Table:
-    """Return the table of a run's properties, in six rows."""
-    balance = report.balance
-    rows = {
-        "run": _run_words(report),
-        "time": _time_words(report),
-        "plate": _plate_words(report),
-        "contact": _contact_words(report),
-        "actuator": _actuator_words(report),
-        "residuals": f"energy {balance.energy_residual:.1e}, momentum "
-        f"{balance.momentum_residual:.1e} (relative)",
-    }
-    table = Table("", "", show_header=False)
-    for heading, words in rows.items():
-        table.add_row(heading, words)
-    return table
+class RunFact(NamedTuple):
+    """One fact of a run.
 
+    Attributes:
+        key: Its name in `--json`; "" for words alone.
+        of: Its value.
+        row: Its row in the table of details; "" for `--json` alone.
+        words: Its value in words; zero, None and what is empty have none.
+    """
 
-def _run_words(report: RunReport) -> str:
-    """State scene, seed, transport, law and scheme."""
-    setup = report.setup
-    note = SCHEMES[setup.run.scheme].note
-    scheme = f"; scheme {setup.run.scheme}: {note}" if note else ""
-    law = law_line(report.assessed.law)
-    return f"{setup.scene.name}, seed {setup.run.seed}, {report.transport}; law {law}{scheme}"
-
-
-def _time_words(report: RunReport) -> str:
-    """State steps, wall time, exchanges and the time by role."""
-    setup, wall_s = report.setup, report.wall_s
-    factor = setup.run.duration_s / wall_s if wall_s else math.inf
-    rate = setup.run.steps / max(wall_s, 1e-9)
-    words = [
-        f"{setup.run.steps:,} steps in {wall_s:.4g} s, {factor:.3g} times real time, "
-        f"{rate:,.0f} steps/s",
-        f"exchanges: {_exchanges(report)}",
-        f"time by role: {_time_by_role(report)}",
-    ]
-    if report.realtime:
-        words.append(f"real-time profile: {report.realtime}")
-    return "; ".join(words)
-
-
-def _plate_words(report: RunReport) -> str:
-    """Describe the structure, the model of the plate and its truncated modes."""
-    structure, truncated = report.structure, report.parts.truncated_modes
-    words = [] if structure["closed_form"] else [_structure_words(structure)]
-    words.append(_model_order(report))
-    if truncated:
-        words.append(truncated_words(truncated))
-    return "; ".join(words)
-
-
-def _contact_words(report: RunReport) -> str:
-    """State the cost of the contact solver, and the limiting pressure with what yielded, or why a
-    contact that may yield by itself does not."""
-    limit, found = report.parts.limiting_pressure, report.assessed.yielded
-    balance = report.balance
-    words = [f"at most {balance.newton_iterations_max} rounds of Newton's method a step"]
-    if balance.newton_fallbacks:
-        words.append(fallback_words(balance))
-    if limit:
-        words.append(f"limiting pressure {pressure_words(limit)}")
-    if why := report.setup.mechanics.why_elastic:
-        words.append(f"elastic: {why}")
-    if found:
-        words.append(yield_words(found))
-    return "; ".join(words)
-
-
-def fallback_words(balance: EnergyBalance) -> str:
-    """Describe the contact steps in which Newton's method did not end."""
-    return (
-        f"Newton's method did not end in {balance.newton_fallbacks} of {balance.contact_steps} "
-        "contact steps, which have a constant force"
-    )
-
-
-def _actuator_words(report: RunReport) -> str:
-    """State what was demanded of the actuator, and the mean latency."""
-    demand, mean = report.assessed.result.metrics.demand, mean_latency_words(report.setup)
-    words = [demand_words(demand)] if demand else []
-    if mean:
-        words.append(f"mean latency {mean}")
-    return "; ".join(words) or "no force"
-
-
-def mean_latency_words(setup: Setup) -> str:
-    """State the mean latency of the force that acts; empty if every command has the same."""
-    line = setup.signal_path
-    if not (line.varies or line.trace or line.drop_out_probability):
-        return ""
-    mean_us = mean_latency_us(setup)
-    if math.isnan(mean_us):
-        return "no command acts within the run"
-    if ppm := setup.scene.controller.clock_ppm:
-        beat_s = 1e6 * setup.sensor.every_steps * setup.run.step_s / abs(ppm)
-        return (
-            f"{mean_us:.1f} us of the force that acts: the controller's clock drifts by a sampling "
-            f"period in {beat_s:.3g} s"
-        )
-    return (
-        f"{mean_us:.1f} us of the force that acts: commands keep their order, so "
-        "that a late one delays those behind it"
-    )
+    key: str
+    of: Callable[[RunReport], Any]
+    row: str = ""
+    words: Callable[[Any], str] = str
 
 
 _LANES = {
@@ -133,53 +40,57 @@ _LANES = {
 }
 
 
-def _exchanges(report: RunReport) -> str:
-    """Say how many exchanges took place, at which rate, and over which channel."""
-    words = f"{report.exchanges:,}"
-    if report.transport != Transport.ZENOH:
-        return words
-    way = _LANES.get(report.lane, "over the bus, without fast lane")
-    return f"{words}, {report.exchanges / max(report.wall_s, 1e-9):,.0f}/s, {way}"
+def run_table(report: RunReport) -> Table:
+    """Return the table of a run's facts, in six rows."""
+    rows: dict[str, list[str]] = {}
+    for fact in FACTS:
+        value = fact.of(report)
+        words = fact.words(value) if value and fact.row else ""
+        rows.setdefault(fact.row, []).extend([words] if words else [])
+    table = Table("", "", show_header=False)
+    for heading in filter(None, rows):
+        table.add_row(heading, "; ".join(rows[heading]) or "none")
+    return table
 
 
-def _time_by_role(report: RunReport) -> str:
-    """Say how long each role worked, and how long the plant waited."""
-    if not report.busy_s:
-        return "not known: all roles share one process, and none waits"
-    roles = ", ".join(f"{role} {busy_s:.3g} s" for role, busy_s in report.busy_s.items())
-    share = report.waited_s / max(report.wall_s, 1e-9)
-    return f"{roles}; the plant waited {report.waited_s:.3g} s, {share:.0%} of the wall time"
+def facts_as_json(report: RunReport) -> dict[str, Any]:
+    """Return the facts of a run by their names in `--json`."""
+    return {fact.key: fact.of(report) for fact in FACTS if fact.key}
 
 
-def _structure_words(found: dict[str, Any]) -> str:
-    """Describe a structure that is not a simply supported plate, and how well it is known."""
-    if "low_modes" in found:
-        return (
-            f"{found['name']}: {found['low_modes']} modes by Ritz's method, whose frequencies "
-            f"change by {found['low_change']:.1g} at most with the basis; those beyond, by phases "
-            f"at the edges, to {found['beyond_error']:.1g}"
-        )
-    source = f"{found['modes_in_file']}, sha256 {found['sha256'][:16]}"
-    words = [f"{found['name']}: {source}"]
-    if found["mobility_ratio"] is not None:
-        words.append(f"their mean mobility is {found['mobility_ratio']:.3g} of an infinite plate's")
-    return "; ".join(words)
+def fallback_words(fallbacks: int) -> str:
+    """Describe the contact steps in which Newton's method did not end."""
+    return f"Newton's method did not end in {fallbacks} contact steps, which have a constant force"
 
 
-def yield_words(found: model.Yield) -> str:
+def mean_latency(setup: Setup) -> float | None:
+    """Return the mean latency of the force that acts, us; None if every command has the same."""
+    line = setup.signal_path
+    return (
+        mean_latency_us(setup) if line.varies or line.trace or line.drop_out_probability else None
+    )
+
+
+def _mean_latency_words(mean_us: float) -> str:
+    if math.isnan(mean_us):
+        return "no command acts within the run"
+    return f"mean latency {mean_us:.1f} us of the force that acts, as commands keep their order"
+
+
+def yield_words(found: Mapping[str, float]) -> str:
     """Describe the permanent dent and the dissipated energy of a contact that yielded."""
-    dissipated = quantity(found.dissipated_j, "J", 4)
-    return f"a dent of {quantity(found.dent_m, 'm')}, {dissipated} dissipated"
+    dissipated = quantity(found["dissipated_j"], "J", 4)
+    return f"a dent of {quantity(found['dent_m'], 'm')}, {dissipated} dissipated"
 
 
-def pressure_words(limit: dict[str, Any]) -> str:
+def pressure_words(limit: Mapping[str, Any]) -> str:
     """Describe the pressure at which a contact yields, and where it comes from."""
-    words, by = f"{limit['pressure_pa'] * 1e-9:.3g} GPa", limit["by"]
+    words, by = f"limiting pressure {quantity(limit['pressure_pa'], 'Pa')}", limit["by"]
     if by is None:
         return f"{words}, as the scene says"
     return (
         f"{words}: {by['factor']:g} times the {by['measure']} of the {by['body']}, "
-        f"{by['value_pa'] * 1e-9:.3g} GPa, known to {100 * by['spread']:z.0f} %"
+        f"{quantity(by['value_pa'], 'Pa')}, known to {100 * by['spread']:z.0f} %"
     )
 
 
@@ -189,35 +100,6 @@ def demand_words(asked: ActuatorDemand) -> str:
     if asked.delay_s:
         words += f"; its bandwidth adds {asked.delay_s * 1e6:.3g} us to the latency"
     return words
-
-
-def _model_order(report: RunReport) -> str:
-    """Describe the plate model, its expected error, and whether that meets the request."""
-    balance, model, (expected, asked) = report.balance, report.parts.model, report.expects
-    limit_hz, words = balance.frequency_limit_hz, error_words(expected, asked)
-    if model is None:  # all modes that the step carries
-        return (
-            f"{balance.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz (pi/dt), "
-            "as published"
-        )
-    if model.plate_model == "infinite":
-        chosen = f"infinite plate, a dashpot of {model.impedance_n_s_m:.4g} N s/m"
-        if expected is None or math.isinf(expected):
-            return f"{chosen}; what the missing reflections cost by the run's end is not known"
-        found = f"{chosen}; missing reflections may cost {words} by the run's end"
-        return f"{found} (requested: {asked:g}; missed)" if missed(expected, asked) else found
-    chosen = (
-        f"{balance.frequencies} frequencies up to {limit_hz / 1e3:.4g} kHz; "
-        f"expected truncation error {words} of penetration or plate energy"
-    )
-    if not missed(expected, asked):
-        return chosen
-    why = what_limits(
-        of_file="modes_in_file" in report.structure,
-        limit_hz=limit_hz,
-        full_hz=step_limit_hz(report.setup),
-    )
-    return f"{chosen} (requested: {asked:g}; {why})"
 
 
 def missed(expected: float | None, asked: float) -> bool:
@@ -232,33 +114,63 @@ def error_words(expected: float | None, asked: float) -> str:
     if expected >= 1.0:  # an estimate of a small error; of a large one it gives no size
         return "above 1"
     words = (f"{expected:.{digits}g}" for digits in range(1, 17))
-    if not missed(expected, asked):
-        return next(words)
-    return next(word for word in words if float(word) > asked)
+    return next(word for word in words if float(word) > asked or not missed(expected, asked))
 
 
-def truncated_words(found: model.TruncatedModes) -> str:
-    """Describe the damped mode that replaces the truncated modes."""
-    words, away = "one damped mode", found.wavelengths_to_edge
-    if away >= found.needed:
-        return words
-    return f"{words}; not known so close to an edge, {away:.2g} of {found.needed:g} wavelengths"
+def _roles_words(busy_s: Mapping[str, float]) -> str:
+    roles = ", ".join(f"{role} {seconds:.3g} s" for role, seconds in busy_s.items())
+    return f"time by role: {roles}"
 
 
-def what_limits(of_file: bool, limit_hz: float, full_hz: float) -> str:
-    """Say why a run expects more error than requested.
+def _plate_words(found: Mapping[str, Any]) -> str:
+    if found["plate_model"] == "modal":
+        return ""
+    return f"infinite plate, a dashpot of {found['impedance_n_s_m']:.4g} N s/m"
 
-    Args:
-        of_file: Whether the modes come from a file.
-        limit_hz: Limit of the modes, Hz.
-        full_hz: Limit of the modes that the step supports, Hz.
-    """
-    steps = (
-        "the law's force jumps, or is held from sample to sample, and its steps cost that, not the "
-        "modes; actuator.bandwidth_hz, or of a held force a smaller run.step_ns, makes them smaller"
-    )
-    if of_file:
-        return "all modes of the file"
-    if limit_hz < (1.0 - 1e-9) * full_hz:
-        return steps
-    return "the limit of this time step; a smaller run.step_ns supports more modes"
+
+# fmt: off
+FACTS = (
+    RunFact("scene", lambda r: r.setup.scene.name, "run"),
+    RunFact("seed", lambda r: r.setup.run.seed),
+    RunFact("", lambda r: f"seed {r.setup.run.seed}", "run"),
+    RunFact("transport", lambda r: r.transport, "run"),
+    RunFact("", lambda r: law_line(r.assessed.law), "run", "law {}".format),
+    RunFact("scheme", lambda r: r.setup.run.scheme),
+    RunFact("", lambda r: SCHEMES[r.setup.run.scheme].note, "run"),
+    RunFact("note", lambda r: r.recording.note),
+    RunFact("recording", lambda r: str(r.recording.path)),
+    RunFact("steps", lambda r: r.setup.run.steps, "time", "{:,} steps".format),
+    RunFact("wall_s", lambda r: r.wall_s, "time", "{:.4g} s of wall time".format),
+    RunFact("real_time_factor",
+            lambda r: r.setup.run.duration_s / r.wall_s if r.wall_s else math.inf,
+            "time", "{:.3g} times real time".format),
+    RunFact("exchanges", lambda r: r.exchanges, "time", "{:,} exchanges".format),
+    RunFact("lane", lambda r: r.lane, "time", lambda lane: _LANES.get(lane, "")),
+    RunFact("busy_s", lambda r: dict(r.busy_s), "time", _roles_words),
+    RunFact("waited_s", lambda r: r.waited_s, "time", "the plant waited {:.3g} s".format),
+    RunFact("realtime", lambda r: r.realtime, "time",
+            "real-time profile: {}".format),
+    RunFact("struck", lambda r: model.structure_summary(r.setup), "plate", lambda s: s["name"]),
+    RunFact("model", lambda r: model.plate_model(r.setup), "plate", _plate_words),
+    RunFact("frequencies", lambda r: r.balance.frequencies, "plate", "{} frequencies".format),
+    RunFact("frequency_limit_hz", lambda r: r.balance.frequency_limit_hz, "plate",
+            lambda limit_hz: f"up to {quantity(limit_hz, 'Hz', 4)}"),
+    RunFact("truncated_modes", lambda r: model.truncated_modes(r.setup), "plate",
+            lambda found: "one damped mode for the rest"),
+    RunFact("newton_iterations_max", lambda r: r.balance.newton_iterations_max, "contact",
+            "at most {} rounds of Newton's method a step".format),
+    RunFact("newton_fallbacks", lambda r: r.balance.newton_fallbacks, "contact", fallback_words),
+    RunFact("limiting_pressure", lambda r: model.limiting_pressure(r.setup), "contact",
+            pressure_words),
+    RunFact("", lambda r: r.setup.mechanics.why_elastic, "contact",
+            "elastic: {}".format),
+    RunFact("yield", lambda r: vars(r.assessed.yielded) if r.assessed.yielded else None, "contact",
+            yield_words),
+    RunFact("", lambda r: r.assessed.result.metrics.demand, "actuator", demand_words),
+    RunFact("mean_latency_us", lambda r: mean_latency(r.setup), "actuator", _mean_latency_words),
+    RunFact("residuals", lambda r: {"momentum": r.balance.momentum_residual,
+                                    "energy": r.balance.energy_residual}, "residuals",
+            lambda found: f"energy {found['energy']:.1e}, momentum {found['momentum']:.1e} "
+                          "(relative)"),
+)
+# fmt: on

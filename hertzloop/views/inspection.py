@@ -79,7 +79,7 @@ def _details(found: Inspected) -> list[Text | Table]:
         if metrics.demand:
             pieces.append(Text(f"Actuator demand: {demand_words(metrics.demand)}."))
     if found.yielded:
-        pieces.append(Text(f"Yield: {yield_words(found.yielded)}."))
+        pieces.append(Text(f"Yield: {yield_words(vars(found.yielded))}."))
     pieces.append(Text(f"Law: {law_line(found.law)}."))
     if recording.balance is not None:
         pieces.append(

@@ -44,7 +44,11 @@ def print_run(
         pieces.append(warning)
     balance = report.balance
     if balance.newton_fallbacks > _FEW_FALLBACKS * balance.contact_steps:
-        pieces.append(Text(f"{fallback_words(balance)}. Use a smaller run.step_ns.", "yellow"))
+        pieces.append(
+            Text(
+                f"{fallback_words(balance.newton_fallbacks)}. Use a smaller run.step_ns.", "yellow"
+            )
+        )
     if details:
         pieces += _details(report)
     if report.verifies:

@@ -1,20 +1,18 @@
 """A run as plain data, which `--json` writes."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import asdict, is_dataclass
 from typing import Any
 
-from hertzloop.results import model
 from hertzloop.results import verdict as verdicts
 from hertzloop.results.effects import EffectState, Neglected
-from hertzloop.results.law_accuracy import LawAccuracy
 from hertzloop.results.metric_rows import MetricRow
 from hertzloop.results.metrics import Metrics
 from hertzloop.results.predictability import Predictability
 from hertzloop.results.recorded import Pacing
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.verification import Verification
+from hertzloop.views.details import facts_as_json
 from hertzloop.views.effects import out_of_range
 from hertzloop.views.law_line import why_not_words
 from hertzloop.views.metrics_table import label_of
@@ -78,15 +76,6 @@ def verification_as_json(found: Verification) -> dict[str, Any]:
     return asdict(found) | {"largest": found.largest}
 
 
-def law_accuracy_as_json(found: LawAccuracy) -> dict[str, Any]:
-    """Return the fields of `LawAccuracy`, `kept`, and the largest of the changes."""
-    return asdict(found) | {
-        "by_modes": verification_as_json(found.by_modes),
-        "kept": found.kept,
-        "largest": found.by_modes.largest,
-    }
-
-
 def rows_as_json(found: Iterable[MetricRow]) -> list[dict[str, Any]]:
     """Return the fields of each `MetricRow`, with the label that is printed."""
     return [{"label": label_of(row), **asdict(row)} for row in found]
@@ -100,53 +89,25 @@ def out_of_range_as_json(found: verdicts.Assessment | None) -> list[str]:
 def _assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
     """Return all metrics of a recorded run, their predictability and the verdict."""
     result, assessed = found.result, found.assessment
-    law = assessed.law_accuracy
     return {
         **asdict(found.law),
         "injected_j": result.injected_j,
-        "yield": _plain(found.yielded),
         "expected_error": result.expected_error,
         "requested_accuracy": found.requested_accuracy,
         **metrics_as_json(result.metrics),
         "pacing": pacing_as_json(found.pacing),
         "predictability": predictability_as_json(assessed.predictability),
-        "law_accuracy": None if law is None else law_accuracy_as_json(law),
         "verdict": verdict_sentences(assessed),
         "rows": rows_as_json(assessed.rows),
     }
 
 
-def _parts(found: model.PlantParts) -> dict[str, Any]:
-    data: dict[str, Any] = asdict(found)
-    return data
-
-
 def run_as_json(report: RunReport) -> dict[str, Any]:
     """Return everything that `run --json` writes."""
-    setup, balance, wall_s, assessed = report.setup, report.balance, report.wall_s, report.assessed
+    assessed = report.assessed
     data = {
         "out_of_range": out_of_range_as_json(assessed.assessment),
-        "scene": setup.scene.name,
-        "seed": setup.run.seed,
-        "note": report.recording.note,
-        "transport": report.transport,
-        "scheme": setup.run.scheme,
-        "steps": setup.run.steps,
-        "wall_s": wall_s,
-        "real_time_factor": setup.run.duration_s / wall_s if wall_s else math.inf,
-        "exchanges": report.exchanges,
-        "lane": report.lane,
-        "realtime": report.realtime,
-        "busy_s": dict(report.busy_s),
-        "waited_s": report.waited_s,
-        "residuals": {"momentum": balance.momentum_residual, "energy": balance.energy_residual},
-        **_parts(report.parts),
-        "frequencies": balance.frequencies,
-        "frequency_limit_hz": balance.frequency_limit_hz,
-        "struck": report.structure,
-        "newton_iterations_max": balance.newton_iterations_max,
-        "newton_fallbacks": balance.newton_fallbacks,
-        "recording": str(report.recording.path),
+        **facts_as_json(report),
         "uncontrolled": metrics_as_json(assessed.free or assessed.result.metrics),
         **_assessment_as_json(assessed),
     }

@@ -6,9 +6,7 @@ from rich.text import Text
 
 from hertzloop.common.readable import quantity
 from hertzloop.results import verdict as verdicts
-from hertzloop.results.law_accuracy import LawAccuracy, SensitiveMetric
 from hertzloop.results.metric_rows import MetricRow, UncertainValue
-from hertzloop.results.rounding import percent
 from hertzloop.results.span_metrics import MUCH_DB
 from hertzloop.results.spans import IN_WORDS, OTHER, Span
 from hertzloop.results.stability import Stability
@@ -20,12 +18,6 @@ UNSTABLE = "UNSTABLE:"  # the first words of a verdict on an unstable loop
 _LATER_CONTACTS = {
     verdicts.LaterContacts.UNPREDICTABLE: "Later impacts are not predictable.",
     verdicts.LaterContacts.UNKNOWN: "It is unknown whether later impacts are predictable.",
-}
-
-_SENSITIVE_METRICS = {
-    SensitiveMetric.PENETRATION: "penetration",
-    SensitiveMetric.REBOUND_SPEED: "rebound speed",
-    SensitiveMetric.PLATE_ENERGY: "plate energy",
 }
 
 
@@ -58,8 +50,6 @@ def verdict_sentences(found: verdicts.Assessment) -> list[str]:
         times = "once" if saturation.times == 1 else f"{saturation.times} times"
         first = f"first at {saturation.since_s * 1e3:.4g} ms (sensors.full_scale)"
         sentences.append(f"The sensor saturated {times}, {first}.")
-    if found.law_accuracy and not found.law_accuracy.kept:
-        sentences += law_accuracy_sentences(found.law_accuracy)
     return sentences
 
 
@@ -192,28 +182,6 @@ def _reasons(found: verdicts.Reasons) -> list[str]:
             f"the law takes the permanent dent of {1e6 * found.dent_m:.2g} um for penetration"
         )
     return [f"Reason: {reason}." for reason in reasons]
-
-
-def law_accuracy_sentences(found: LawAccuracy) -> list[str]:
-    """State which metric twice the modes change, by how much, and why.
-
-    Args:
-        found: Accuracy of a run under its law.
-
-    Returns:
-        One or two sentences.
-    """
-    metric, by_modes = found.most_moved, found.by_modes
-    sentences = [
-        f"Accuracy missed: twice the modes change {_SENSITIVE_METRICS[metric]} "
-        f"by {percent(by_modes.largest)} (requested {percent(found.asked)})."
-    ]
-    if found.latches_otherwise:
-        sentences.append(
-            f"With twice the modes the law latches {found.finer_delay_us:g} us instead of "
-            f"{found.delay_us:g} us."
-        )
-    return sentences
 
 
 def verdict_lines(verdict: Sequence[str]) -> list[Text]:

@@ -25,7 +25,7 @@ CONCLUSIONS = {
     "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
     "benchmarks.fit_discrepancy": r"The 95 % intervals hold \d+ % \(\d of 3\) of the true values",
     "benchmarks.fit_validation": r"The coefficient of restitution is within [\d.e-]+ of Zener's",
-    "benchmarks.held_force": r"The error of the first impact is as expected, or announced",
+    "benchmarks.held_force": r"The error of the first impact is as expected",
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
     "benchmarks.jitter_cost": r"The costs differ by [\d.]+e[+-]\d+ at most",
     "benchmarks.jitter_margin": r"In 0 of 21 loops a latency below the jitter margin is unstable",

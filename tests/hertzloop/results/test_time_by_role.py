@@ -11,7 +11,7 @@ SHORT = ["aluminium-3mm", "--set", "run.duration_s=0.002", "--set", "controller.
 
 def row_of(printed: str) -> str:
     words = " ".join(printed.replace("│", " ").split())
-    return words.split("time by role: ")[1].split(" of the wall time")[0]
+    return words.split("time by role: ")[1].split("; real-time")[0]
 
 
 @pytest.mark.parametrize("way", default([[], ["--pace", "0.01"]], [[]]))
@@ -27,4 +27,4 @@ def test_the_parts_lie_within_the_wall_time(way, tmp_path):
     assert busy["recorder"] > 0.0
     row = row_of(done.stdout)
     assert row.startswith(f"plant {busy['plant']:.3g} s, controller ")
-    assert f"the plant waited {waited_s:.3g} s, {waited_s / data['wall_s']:.0%}" in row
+    assert f"the plant waited {waited_s:.3g} s" in row

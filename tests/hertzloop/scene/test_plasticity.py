@@ -70,7 +70,7 @@ def test_contact_ends_at_the_dent_and_the_gap_shows_it(tmp_path):
         ([], 1.05, "1.05 GPa: 1 times the hardness of the plate, 1.05 GPa, known to 20 %"),
         (["plate.material=bearing_steel", "sphere.material=brass"], 1.1, "of the sphere"),
         (["plate.material=bearing_steel"], 7.0, "hardness of the plate, 7 GPa, known to 10 %"),
-        (["contact.limiting_pressure_pa=0.5e9"], 0.5, "0.5 GPa, as the scene says"),
+        (["contact.limiting_pressure_pa=0.5e9"], 0.5, "500 MPa, as the scene says"),
     ],
 )
 def test_the_limiting_pressure_comes_from_the_softer_body(settings, gigapascal, words):

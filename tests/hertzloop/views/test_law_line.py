@@ -10,7 +10,6 @@ from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.inspection import inspected
 from hertzloop.results.metrics import free_metrics
-from hertzloop.results.model import parts_of
 from hertzloop.results.recorded import law_of
 from hertzloop.results.repeatability import why_not_repeatable
 from hertzloop.results.run_report import RunReport
@@ -53,8 +52,7 @@ def test_a_run_that_another_law_made(tmp_path):
     foreign = made.ends["controller"].report
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
     assessed = assess_recording(SCENE, made, free_metrics(SCENE), why_not_repeatable(made))
-    about = made.balance, parts_of(SCENE, made.balance)
-    ran = RunReport(SCENE, made, assessed, *about, "zenoh", 1.0, 1)
+    ran = RunReport(SCENE, made, assessed, made.balance, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
         lambda console: print_inspection(console, inspected(made)),
