@@ -29,7 +29,7 @@ from hertzloop.cli.terminal import out
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.state_kernels import STEP
-from hertzloop.results.stability import StabilityAccumulator
+from hertzloop.results.stability import stability_of
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -343,10 +343,8 @@ def with_impacts(seed: int, wanted: int) -> Iterator[Check]:
             # The law commands no number any more: it has run away.
             yield Check("impacts", case, predicted, math.inf, True, str(error)[:60])
             continue
-        accumulator = StabilityAccumulator(run)
-        accumulator.feed(0, rows)
         per_s = growth_of_rows(rows, run.run.step_s)
-        agrees = bool(accumulator.result().unstable)
+        agrees = stability_of(run, rows).unstable
         yield Check(
             "impacts", case, predicted, per_s, agrees, "" if agrees else "not called unstable"
         )

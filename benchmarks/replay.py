@@ -43,7 +43,7 @@ def measure(rounds: int, duration_s: float = 0.6) -> ReplayCost:
 def _convert(file: Path, rrd: Path) -> tuple[float, float]:
     """Seconds on the wall and of processor time."""
     wall, spent = time.perf_counter(), time.process_time()
-    as_rerun.save(replaying.prepare(read(file, keep=True)), rrd)
+    as_rerun.save(replaying.prepare(read(file)), rrd)
     return time.perf_counter() - wall, time.process_time() - spent
 
 

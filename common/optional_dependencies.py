@@ -12,7 +12,6 @@ EXTRAS = {
     "distributed": "dask",
     "control": "control",
     "optuna": "comparisons",
-    "pymcap_cli": "comparisons",
     "sdypy": "comparisons",
 }
 

@@ -192,7 +192,7 @@ def _plant_of_loop(setup: "Setup") -> None:
 
 
 def _plant_of_results(setup: "Setup") -> None:
-    next(free_series(setup))
+    free_series(setup)
     setup.infinite_plate.lasts_s()
 
 

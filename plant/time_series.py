@@ -1,6 +1,5 @@
 """The time series of a plant: one row a step, with the columns of `TRUTH`."""
 
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,6 @@ TRUTH = {
 COLUMNS = len(TRUTH)
 # Indices of the columns, in the order of TRUTH.
 XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1, F_A1, DEEPEST = range(COLUMNS)
-_PIECE_STEPS = 1 << 16
 
 
 @kernel(copied=True)
@@ -58,11 +56,3 @@ def series_under(plant: Any, forces: np.ndarray) -> np.ndarray:
     truth = np.zeros((COLUMNS, len(forces)))
     plant_alone(plant.model, plant.state, forces, truth)
     return truth
-
-
-def free_series(plant: Any, steps: int) -> Iterator[tuple[int, np.ndarray]]:
-    """Step a plant without any force of the actuator; blocks of its steps: the first step, and an
-    array of shape (COLUMNS, steps of the block)."""
-    no_force = np.zeros(_PIECE_STEPS)
-    for first in range(0, steps, _PIECE_STEPS):
-        yield first, series_under(plant, no_force[: min(_PIECE_STEPS, steps - first)])

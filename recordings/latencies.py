@@ -31,7 +31,7 @@ def latencies_of(recording: Recording) -> np.ndarray:
             f"{recording.path}: is a run in lock-step, which has no latencies of its own. Record "
             "one with hertzloop run --pace"
         )
-    held = np.concatenate([np.asarray(a["held_steps"]) for a in recording.truth.blocks()])
+    held = recording.truth.arrays["held_steps"].astype(np.int64)
     scene = tomllib.loads(recording.scene_toml)
     every, step_ns = scene["sensors"]["every_steps"], scene["run"]["step_ns"]
     control = scene["controller"]

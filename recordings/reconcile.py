@@ -13,26 +13,28 @@ def compare_with_hello(found: RunReader) -> None:
     if hello is None:
         return
     described, announced_toml = run_metadata(hello), found.announced_toml or hello.scene_toml
-    if not found.scene_toml:
+    recording = found.recording
+    if not recording.scene_toml:
         found.report("the scene is that of the hello: the file has no other")
-        found.scene_toml = announced_toml
-    elif found.scene_toml != announced_toml:
+        recording.scene_toml = announced_toml
+    elif recording.scene_toml != announced_toml:
         found.report("the hello has another scene than the file")
-    if found.metadata is None:
+    if not recording.metadata:
         found.report("the description of the run is that of the hello")
-        found.metadata = described
-    for key in sorted(set(found.metadata) & set(described)):
-        if found.metadata[key] != described[key]:
+        recording.metadata = described
+    for key in sorted(set(recording.metadata) & set(described)):
+        if recording.metadata[key] != described[key]:
             found.report(
-                f"{key} is '{found.metadata[key][:40]}' in the file's description, "
+                f"{key} is '{recording.metadata[key][:40]}' in the file's description, "
                 f"'{described[key][:40]}' in the hello"
             )
 
 
 def reconcile(found: RunReader) -> None:
     """Report where the counts that the roles announced, or the length of the run, do not fit."""
+    recording = found.recording
     for role in (streams.PLANT, streams.CONTROLLER):
-        end = found.ends.get(role)
+        end = recording.ends.get(role)
         if end is None:
             found.report(f"the {role} announced no end: counts cannot be reconciled")
             continue
@@ -40,15 +42,13 @@ def reconcile(found: RunReader) -> None:
         for name, stream in streams.STREAMS.items():
             if stream.publisher == role and not name.startswith("end/"):
                 _reconcile_stream(found, role, name, announced.get(name))
-    if OTHER_EVENTS in found.counters and len(found.ends) > 1:
+    if OTHER_EVENTS in found.counters and len(recording.ends) > 1:
         _reconcile_events(found)
-    steps, end_step = _announced_steps(found), found.assemblers["truth"].next_step
+    steps, end_step = _announced_steps(found), recording.truth.end_step
     if end_step < steps:
-        found.report(f"stream 'truth' ends at step {end_step} of {steps}")
-    elif end_step > steps and found.metadata and "steps" in found.metadata:
+        found.report(f"readable to step {end_step:,} of {steps:,} announced")
+    elif end_step > steps and "steps" in recording.metadata:
         found.report(f"stream 'truth' goes on to step {end_step} of {steps}")
-    if found.unknown_channels or found.unnamed_channels:
-        found.report("the file is cut off or damaged (it does not say what some messages are)")
 
 
 def _reconcile_stream(found: RunReader, role: str, name: str, announced: Any) -> None:
@@ -72,7 +72,7 @@ def _reconcile_events(found: RunReader) -> None:
     here = sum(counter.messages for counter in counters if counter)
     announced = sum(
         count.messages
-        for end in found.ends.values()
+        for end in found.recording.ends.values()
         for count in end.count
         if count.stream in names
     )
@@ -81,7 +81,7 @@ def _reconcile_events(found: RunReader) -> None:
 
 
 def _announced_steps(found: RunReader) -> int:
-    text = (found.metadata or {}).get("steps", "0")
+    text = found.recording.metadata.get("steps", "0")
     try:
         steps = int(text)
     except ValueError:

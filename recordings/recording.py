@@ -2,6 +2,7 @@
 
 import sys
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,9 +12,70 @@ import numpy as np
 from hertzloop.bus import sequence_checker, streams
 from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.messages_pb2 import EnergyBalance, EventKind, RunEnd
-from hertzloop.recordings.joined_stream import JoinedStream
 
 SAMPLED = tuple(sorted(s.name for s in streams.STREAMS.values() if s.numbered))  # daq, force, truth
+
+
+@dataclass
+class SampledStream:
+    """The samples of one stream, from step 0 on without a gap.
+
+    Attributes:
+        messages: Number of blocks.
+        step_ns: Length of a step, ns.
+        every_steps: Steps from one sample to the next.
+        scale: Unit of the quantity per code of the converter.
+        offset: Quantity at code 0.
+        arrays: Arrays by field name, each of shape (samples,).
+    """
+
+    messages: int = 0
+    step_ns: int = 0
+    every_steps: int = 1
+    scale: float = 1.0
+    offset: float = 0.0
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return max(map(len, self.arrays.values()), default=0)
+
+    @property
+    def end_step(self) -> int:
+        """Step at which the next sample would follow."""
+        return self.samples * self.every_steps
+
+    @property
+    def time_ns(self) -> np.ndarray:
+        """Simulated time of every sample, shape (samples,), ns."""
+        return np.arange(self.samples) * (self.every_steps * self.step_ns)
+
+    @property
+    def values(self) -> np.ndarray:
+        """Acquired values in the unit of the quantity, shape (samples,).
+
+        They come from the codes of a converter if there are any; empty without values.
+        """
+        codes = self.arrays.get("code")
+        if codes is not None:
+            return np.asarray(self.offset + self.scale * codes)
+        return self.arrays.get("value", np.empty(0))
+
+    def matrix(self, fields: Sequence[str]) -> np.ndarray:
+        """Return arrays as the rows of one matrix, shape (fields, samples).
+
+        Rows that were not recorded are zero. The arrays become rows of the matrix, so that a long
+        run is in memory once.
+        """
+        first = self.arrays[fields[0]].base
+        if not (isinstance(first, np.ndarray) and first.shape == (len(fields), self.samples)):
+            first = np.zeros((len(fields), self.samples))
+            for row, name in zip(first, fields, strict=True):
+                if name in self.arrays:
+                    row[:] = self.arrays[name]
+                    self.arrays[name] = row
+        return first
 
 
 class EventData(NamedTuple):
@@ -81,9 +143,9 @@ class Recording:
     scene_toml: str = ""
     metadata: dict[str, str] = field(default_factory=dict)
     result: dict[str, str] = field(default_factory=dict)
-    daq: JoinedStream = field(default_factory=JoinedStream)
-    force: JoinedStream = field(default_factory=JoinedStream)
-    truth: JoinedStream = field(default_factory=JoinedStream)
+    daq: SampledStream = field(default_factory=SampledStream)
+    force: SampledStream = field(default_factory=SampledStream)
+    truth: SampledStream = field(default_factory=SampledStream)
     events: list[Event] = field(default_factory=list)
     balance: EnergyBalance | None = None
     pacing: DecodedBlock | None = None
@@ -105,11 +167,6 @@ class Recording:
     def note(self) -> str:
         """Note of the user, as the file has it, which may be any text; empty without one."""
         return self.metadata.get("note", "")
-
-    @property
-    def daq_values(self) -> np.ndarray:
-        """Acquired values in the unit of the quantity, shape (samples,)."""
-        return self.daq.values_of(self.daq.arrays)
 
     def scene_value(self, table: str, key: str, default: Any = None) -> Any:
         """Return a value of the recorded scene, `default` if the scene has none or is not

@@ -315,14 +315,14 @@ def read(recording: str | Path) -> Run:
     except SceneError as error:
         words = f"{recording}: its scene cannot be simulated here: {error}{found.other_version}"
         raise RecordingError(words) from error
+    truth, law, pacing = truth_of(found), law_of(found), pacing_of(found)
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
     columns = {name: found.truth.arrays[name] for name in names}
     commanded = found.force.arrays.get("force_n", np.empty(0))
-    truth, law, pacing = truth_of(found), law_of(found), pacing_of(found)
     return _run_from(
         setup,
         truth,
-        _Streams(setup, columns, found.daq_values, commanded),
+        _Streams(setup, columns, found.daq.values, commanded),
         found.balance,
         lambda: recorded_result(setup, found, metrics_of(setup, truth), law, pacing),
         events=found.events,
@@ -342,9 +342,9 @@ def _run_from(
     **recorded: Any,
 ) -> Run:
     """Return a run; `recorded`: the fields of `Run` that a recording has beside."""
-    from hertzloop.results.impacts import impacts_of_truth
+    from hertzloop.results.impacts import impacts_of
 
-    found = impacts_of_truth(setup, truth)
+    found = impacts_of(setup, truth)
     return Run(
         scene=setup.scene,
         impacts=[one.impact for one in found],

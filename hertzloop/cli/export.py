@@ -56,13 +56,12 @@ def export(
     if from_ms or to_ms is not None:
         last = samples.span_ns[1] if to_ms is None else round(to_ms * 1e6)
         samples = Samples(recording, samples.labels, (round(from_ms * 1e6), last))
-    recorded = samples.recorded_ns()
-    if recorded is None:
+    if not samples.end_step:
         fail(f"{file}: has no samples that can be read. Give another recording.")
-    if not samples.holds_any():
-        begin, end = (f"{ns / 1e6:.10g}" for ns in recorded)
+    if next(samples.windows(), None) is None:
+        end_ms = (samples.end_step - 1) * samples.step_ns / 1e6
         given = f"--from = {from_ms:g}" + ("" if to_ms is None else f", --to = {to_ms:g}")
-        fail(f"{given}: has no samples. Give a span within {begin} to {end} ms.")
+        fail(f"{given}: has no samples. Give a span within 0 to {end_ms:.10g} ms.")
     sample_export.export(samples, out_file)
     out.say(f"written: {' and '.join(map(str, written))}")
 

@@ -45,7 +45,7 @@ def listen(
     its modes move, up to 20 kHz. All files have the same scale.
     """
     outputs.check_json(json_file)
-    recording = read(file, keep=True)
+    recording = read(file)
     say_problems(recording)
     outputs.make_folder(folder)
     try:

@@ -15,7 +15,7 @@ from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
-from hertzloop.recordings.recovery import recover as recover_file
+from hertzloop.recordings.repair import repair as repair_file
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import parse
@@ -218,8 +218,8 @@ def replay(
             outputs.check_output(output, overwrite, option, [file])
     if alone and other is not None:
         fail(f"--alone: cannot be combined with the recording {other}. Remove one of the two.")
-    recording = read(file, keep=True)
-    compared = read(other, keep=True) if other else None
+    recording = read(file)
+    compared = read(other) if other else None
 
     # Here and not above: Rerun takes a second to load, and only a replay needs it.
     from hertzloop.views import replaying
@@ -246,22 +246,23 @@ def repair(
     ] = None,
     overwrite: options.OverwriteOption = False,
 ) -> None:
-    """Recover a complete file from a truncated recording.
+    """Copy what is readable of a damaged recording into a complete file.
 
-    Every MCAP tool opens the new file.
+    A recording is readable up to its first damage. Every MCAP tool opens the new file.
     """
     from hertzloop.views.inspection import without_checksum
 
     repaired = out_file or file.with_name(f"{file.stem}-repaired.mcap")
     outputs.check_recording(repaired, overwrite, read=[file])
-    found = recover_file(file, repaired, overwrite)
-    there = f"{quantity(found.simulated_s, 's')}{_of_announced(repaired)} of simulated time"
-    ignored = f"; ignored: {found.others:,} of other topics" if found.others else ""
-    out.say(f"repaired: {repaired} has {there}, {found.messages:,} messages{ignored}")
-    for problem in found.missing:
+    damaged, messages = repair_file(file, repaired, overwrite)
+    simulated_s = damaged.truth.end_step * damaged.truth.step_ns * 1e-9
+    there = f"{quantity(simulated_s, 's')}{_of_announced(repaired)} of simulated time"
+    ignored = f"; ignored: {damaged.others:,} of other topics" if damaged.others else ""
+    out.say(f"repaired: {repaired} has {there}, {messages:,} messages{ignored}")
+    for problem in damaged.problems:
         err.say(f"missing or damaged in {file}: {problem}")
-    if found.unchecked:
-        err.say(f"{file}: {without_checksum(found.unchecked)}.")
+    if damaged.unchecked:
+        err.say(f"{file}: {without_checksum(damaged.unchecked)}.")
 
 
 def _of_announced(repaired: Path) -> str:
@@ -299,7 +300,7 @@ def report(
     need("matplotlib", "jinja2")
     from hertzloop.studies.report.page import page_of
 
-    recording = read(source, keep=True)
+    recording = read(source)
     outputs.make_folder(folder)
     page = folder / f"{source.stem}.html"
     outputs.check_output(page, overwrite, "--out-dir", [source])

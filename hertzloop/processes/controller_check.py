@@ -84,7 +84,7 @@ def law_of(recording: Recording) -> str:
 def compare_with_law(recording: Recording, setup: Setup) -> None:
     """Raise WrongForce unless the law of the setup answers the recorded samples with the recorded
     forces, bit for bit."""
-    expected = build_controller(setup).process(recording.daq_values).forces
+    expected = build_controller(setup).process(recording.daq.values).forces
     law = f"law '{setup.scene.controller.law}'"
     _compare(recording.force.arrays["force_n"], expected, law, setup)
 

@@ -8,9 +8,8 @@ from hertzloop.processes.record import record
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.impacts import through_first_contact
 from hertzloop.results.metrics import free_metrics
-from hertzloop.results.recorded import blocks_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.verdict import assess_recording
 from hertzloop.results.verification import verify
@@ -60,7 +59,7 @@ def run_and_assess(
         raise RecordingError(f"{recording}: {recorded.problems[0]}")
     verification = differs = None
     if options.verify:
-        verification = verify(setup, through_first_contact(blocks_of(recorded)))
+        verification = verify(setup, truth_of(recorded))
     if options.repeat:
         differs = first_difference(read(options.repeat), recorded)
     balance = recorded.balance

@@ -15,15 +15,14 @@ from hertzloop.plant.metrics.fingerprint_kernels import fingerprint
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.truth_kernels import all_finite, first_of
 from hertzloop.results.effects import EffectState, names_by_state
-from hertzloop.results.impact_windows import ImpactMetrics
-from hertzloop.results.impacts import first_impact, impacts_of_truth
+from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of
 from hertzloop.results.metric_fields import described, fields_of, metric
 from hertzloop.results.run_context import RunContext
 from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
 from hertzloop.results.spans import Span, follow
-from hertzloop.results.stability import Stability, StabilityAccumulator
-from hertzloop.results.statistics import ExtremesAccumulator
-from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
+from hertzloop.results.stability import Stability, stability_of
+from hertzloop.results.statistics import extremes_of
+from hertzloop.results.whole_run import audible_modes, whole_run
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_checks import check_conserves
@@ -189,9 +188,7 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
 
 def _bounded(setup: Setup, truth: np.ndarray) -> Stability:
     """What truth say of the closed loop. Raises UnstableLoop."""
-    accumulator = StabilityAccumulator(setup)
-    accumulator.feed(0, truth)
-    found = accumulator.result()
+    found = stability_of(setup, truth)
     if found.unstable:
         times = found.most_injected
         raise UnstableLoop(
@@ -214,12 +211,8 @@ def _uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
 
 
 def _left_out(setup: Setup, truth: np.ndarray, impacts: list[Impact]) -> dict[EffectState, str]:
-    spec = setup.plant
-    accumulator = ExtremesAccumulator(spec)
-    accumulator.feed(0, truth)
-    return names_by_state(
-        RunContext(setup, accumulator.result(impacts), truth.shape[1] * setup.run.step_s)
-    )
+    extremes = extremes_of(setup.plant, truth, impacts)
+    return names_by_state(RunContext(setup, extremes, truth.shape[1] * setup.run.step_s))
 
 
 def _metrics(
@@ -232,7 +225,7 @@ def _metrics(
         first = first_impact(setup, truth, modes)
         found = [first] if first else []
     else:
-        found = impacts_of_truth(setup, truth, modes)
+        found = impacts_of(setup, truth, modes)
     if not found:
         raise SceneError(
             f"run.duration_s = {setup.run.duration_s:g} ends before the first contact. Increase "
@@ -240,8 +233,6 @@ def _metrics(
         )
     if span == "impact":
         return of_impact(found[0]), found, found[0].over
-    accumulator = WholeRunAccumulator(spec)
-    accumulator.feed(0, truth)
-    whole = accumulator.result([one.impact for one in found])
+    whole = whole_run(spec, truth, [one.impact for one in found])
     assert whole is not None
     return whole, found, truth.shape[1]

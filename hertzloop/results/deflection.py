@@ -5,7 +5,7 @@ modes of equal frequency are kept apart: their shapes differ away from the conta
 """
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,8 +19,7 @@ from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P, XI_A
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay.contacts import ContactSpan, Span, contacts_of
 from hertzloop.recordings.replay.deflection import Deflection
-from hertzloop.results.impacts import Block
-from hertzloop.results.recorded import pieces_of
+from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import Setup
 
 NODES = 2401  # of the grid, about
@@ -159,39 +158,15 @@ def forces_on_plate(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
     return forces
 
 
-def force_blocks(spec: PlantSpec, blocks: Iterable[Block]) -> Iterator[Block]:
-    """`forces_on_plate` of a run that comes in blocks, each with its first step. A mass on the
-    plate is accelerated by the difference to the steps around: two steps wait for those that
-    follow, one before them is kept."""
-    if not spec.actuator.mass_kg > 0.0:
-        for first, truth in blocks:
-            yield first, forces_on_plate(spec, truth)
-        return
-    held, at, told = None, 0, 0  # truth, its first step, steps already told
-    for first, truth in blocks:
-        held, at = (truth, first) if held is None else (np.concatenate([held, truth], axis=1), at)
-        end = at + held.shape[1] - 2
-        if end > told:
-            yield told, forces_on_plate(spec, held)[:, told - at : end - at]
-            kept = max(at, end - 1)
-            held, at, told = held[:, kept - at :], kept, end
-    if held is not None:
-        yield told, forces_on_plate(spec, held)[:, told - at :]
-
-
-def _states(modes: PlateModes, blocks: Iterable[Block], frames: np.ndarray) -> np.ndarray:
-    """Deflection of every mode at the steps `frames` (ascending), shape (frames, *modes), from
-    blocks of forces, each with its first step; of those frames that the blocks reach."""
+def _states(modes: PlateModes, forces: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """Deflection of every mode at the steps `frames` (ascending), shape (frames, *modes), under
+    forces on the plate, shape (4, steps); of those frames that the forces reach."""
     z = np.zeros_like(modes.linear.turn)
-    parts = [np.zeros((0, z.shape[1]))]
-    for first, forces in blocks:
-        inside = frames[(frames >= first) & (frames < first + forces.shape[1])]
-        parts.append(np.zeros((len(inside), z.shape[1])))
-        forces = np.ascontiguousarray(forces)
-        deflections(modes.linear, z, forces, first, inside, parts[-1])
-    moved = np.concatenate(parts)[:, : len(modes.theta)] / modes.theta
-    found = np.zeros((len(moved), *modes.moves.shape))
-    found[:, modes.moves] = moved
+    frames = frames[frames < forces.shape[1]]
+    moved = np.zeros((len(frames), z.shape[1]))
+    deflections(modes.linear, z, np.ascontiguousarray(forces), 0, frames, moved)
+    found = np.zeros((len(frames), *modes.moves.shape))
+    found[:, modes.moves] = moved[:, : len(modes.theta)] / modes.theta
     return found
 
 
@@ -257,19 +232,17 @@ def deflection(
     """
     spec, truth = setup.plant, recording.truth
     if frames is None:
-        found = contacts_of(truth.pieces()) if contacts is None else contacts
+        found = contacts_of(truth) if contacts is None else contacts
         frames = frame_steps(truth.samples, [(one.first, one.end) for one in found])
     shaped = _grid_and_modes(setup)
     if shaped is None:
-        times_ns, flat = truth.step_at(frames) * truth.step_ns, np.zeros((len(frames), 3, 3))
+        times_ns, flat = frames * truth.step_ns, np.zeros((len(frames), 3, 3))
         return Deflection(times_ns, *_flat_grid(spec), flat, spec.contact_point_m, False)
     x, y, modes = shaped
-    begin = int(truth.step_at(0))
-    blocks = ((first - begin, steps) for first, steps in pieces_of(recording))
-    states = _states(modes, force_blocks(spec, blocks), frames)
+    states = _states(modes, forces_on_plate(spec, truth_of(recording)), frames)
     if len(modes.shapes) == 2:
         w = modes.shapes[0] @ states @ modes.shapes[1]
     else:
         w = np.tensordot(states, modes.shapes[0], 1)
-    times_ns = truth.step_at(frames[: len(states)]) * truth.step_ns
+    times_ns = frames[: len(states)] * truth.step_ns
     return Deflection(times_ns, x, y, w, spec.contact_point_m, True)

@@ -8,10 +8,10 @@ import numpy as np
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.effect_rows import ROWS, WITHOUT_PLATE, EffectRow
-from hertzloop.results.impacts import impacts_of_truth
+from hertzloop.results.impacts import impacts_of
 from hertzloop.results.run_context import RunContext
-from hertzloop.results.stability import StabilityAccumulator
-from hertzloop.results.statistics import Extremes, ExtremesAccumulator
+from hertzloop.results.stability import stability_of
+from hertzloop.results.statistics import Extremes, extremes_of
 from hertzloop.scene.setup import Setup
 
 _MOST_STEPS = 2_000_000  # that are simulated in memory
@@ -87,14 +87,11 @@ def neglected_of_scene(setup: Setup) -> Neglected:
     """Simulate a scene and evaluate all effects; of a very long scene, only the beginning."""
     setup = setup.with_steps(min(setup.run.steps, _MOST_STEPS))
     truth = simulate(setup).truth
-    stability, extremes = StabilityAccumulator(setup), ExtremesAccumulator(setup.plant)
-    stability.feed(0, truth)
-    extremes.feed(0, truth)
-    if stability.result().unstable:
+    if stability_of(setup, truth).unstable:
         return Neglected(None, stable=False)
     with np.errstate(over="ignore", invalid="ignore"):
-        impacts = [found.impact for found in impacts_of_truth(setup, truth)]
-    return neglected(setup, extremes.result(impacts))
+        impacts = [found.impact for found in impacts_of(setup, truth)]
+    return neglected(setup, extremes_of(setup.plant, truth, impacts))
 
 
 def names_by_state(context: RunContext) -> dict[EffectState, str]:

@@ -5,18 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hertzloop.recordings.joined_stream import JoinedStream
-from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.recording import Recording, SampledStream
 from hertzloop.results.metrics import free_metrics, metrics_of
 from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.recorded import (
     NEEDED_FIELDS,
     Pacing,
     RecordedLaw,
-    blocks_of,
     law_of,
     missing_from,
     pacing_of,
+    truth_of,
 )
 from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import why_not_repeatable
@@ -69,7 +68,7 @@ def inspected(recording: Recording, against_none: bool = False) -> Inspected:
         problem = _contradiction(recording.truth, setup)
         if not problem:
             with np.errstate(all="ignore"):
-                metrics = metrics_of(setup, blocks_of(recording), missing_from(recording, setup))
+                metrics = metrics_of(setup, truth_of(recording), missing_from(recording, setup))
                 result = recorded_result(setup, recording, metrics, law, pacing)
                 free = free_metrics(setup) if against_none else None
                 found = assess(setup, result, free, why_not_repeatable(recording))
@@ -81,7 +80,7 @@ def inspected(recording: Recording, against_none: bool = False) -> Inspected:
     return replace(bare, problems=[*recording.problems, problem])
 
 
-def _contradiction(truth: JoinedStream, setup: Setup) -> str:
+def _contradiction(truth: SampledStream, setup: Setup) -> str:
     """Say what of the time series contradicts the scene; empty if nothing does."""
     if truth.samples and setup.run.step_ns != truth.step_ns:
         steps = f"{truth.step_ns} ns, those of its scene {setup.run.step_ns} ns"

@@ -2,7 +2,6 @@
 
 import math
 import wave
-from collections.abc import Iterable
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -15,9 +14,8 @@ from hertzloop.plant.metrics.sound import FADE_FROM, Excitation, Grid, Radiator,
 from hertzloop.plant.structures.structure import Structure
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.deflection import force_blocks
-from hertzloop.results.impacts import Block
-from hertzloop.results.recorded import missing_from, pieces_of
+from hertzloop.results.deflection import forces_on_plate
+from hertzloop.results.recorded import missing_from, truth_of
 from hertzloop.scene.build import free_series
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -104,18 +102,13 @@ def _widths(x: np.ndarray) -> np.ndarray:
     return np.diff(np.concatenate([[first], inner, [last]]))
 
 
-def drive_of(setup: Setup, blocks: Iterable[Block]) -> Excitation:
-    """Return the forces on the plate from truth in blocks. Raises SceneError for a run that
-    explodes."""
-    contact, actuator = np.zeros(setup.run.steps), np.zeros(setup.run.steps)
-    at = 0
-    for _, forces in force_blocks(setup.plant, blocks):
-        end = min(at + forces.shape[1], setup.run.steps)
-        contact[at:end], actuator[at:end] = forces[0, : end - at], forces[2, : end - at]
-        at = end
+def drive_of(setup: Setup, truth: np.ndarray) -> Excitation:
+    """Return the forces on the plate from a time series, shape (10, steps). Raises SceneError for a
+    run that explodes."""
+    contact, _, actuator, _ = forces_on_plate(setup.plant, truth)
     if not (np.isfinite(contact).all() and np.isfinite(actuator).all()):
         raise SceneError("the run has numbers that are not finite; there is nothing to hear")
-    return Excitation(contact[:at], actuator[:at], setup.run.step_s)
+    return Excitation(contact, actuator, setup.run.step_s)
 
 
 def grid_of(setup: Setup, tail_s: float, slow: float = 1.0) -> Grid:
@@ -159,13 +152,13 @@ def write_sounds(
             f"{recording.path}: step {step} is missing. The sound follows from all steps of a run."
         )
     grid, radiator = grid_of(setup, tail_s, slow), radiator_of(setup)
-    recorded = pieces_of(recording)
-    runs: dict[str, Iterable[Block]] = {"without-control": recorded}
+    recorded = truth_of(recording)
+    runs = {"without-control": recorded}
     if setup.scene.controller.has_law:
         runs = {"with-control": recorded, "without-control": free_series(setup.without_control())}
     sounds = {
-        name: pressure_pa(radiator, drive_of(setup, blocks), distance_m, grid)
-        for name, blocks in runs.items()
+        name: pressure_pa(radiator, drive_of(setup, truth), distance_m, grid)
+        for name, truth in runs.items()
     }
     full_pa = max(float(np.abs(one).max()) for one in sounds.values()) / _PEAK
     data: dict[str, Any] = {

@@ -1,6 +1,5 @@
 """Metrics of a run, from its time series."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -11,17 +10,17 @@ from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.effects import Neglected, neglected
-from hertzloop.results.impacts import Block, impacts_of_blocks
+from hertzloop.results.impacts import impacts_of
 from hertzloop.results.span_metrics import SpanMetrics, of_impact
-from hertzloop.results.stability import Stability, StabilityAccumulator
+from hertzloop.results.stability import Stability, stability_of
 from hertzloop.results.statistics import (
     ActuatorDemand,
-    ActuatorDemandAccumulator,
-    ExtremesAccumulator,
     ForceTiming,
-    ForceTimingAccumulator,
+    demand_of,
+    extremes_of,
+    force_timing,
 )
-from hertzloop.results.whole_run import WholeRunAccumulator
+from hertzloop.results.whole_run import whole_run
 from hertzloop.scene.build import free_series
 from hertzloop.scene.setup import Setup
 
@@ -87,44 +86,38 @@ class RunResult:
     complete: bool = True
 
 
-def metrics_of(
-    setup: Setup, truth: np.ndarray | Iterable[Block], missing_from: int | None = None
-) -> Metrics:
+def metrics_of(setup: Setup, truth: np.ndarray, missing_from: int | None = None) -> Metrics:
     """Compute the metrics of a run.
 
     Args:
         setup: The setup of the run.
-        truth: Its time series, shape (10, steps), or its blocks.
+        truth: Its time series, shape (10, steps).
         missing_from: The step at which the time series ends too early. An impact that may last
             longer is left out, and the metrics of the whole run are unknown. None for a whole run.
     """
-    blocks = [(0, truth)] if isinstance(truth, np.ndarray) else truth
-    spec = setup.plant
-    stable, asked = StabilityAccumulator(setup), ActuatorDemandAccumulator(spec)
-    extremes, push = ExtremesAccumulator(spec), ForceTimingAccumulator(spec)
-    whole = None
-    if SCHEMES[setup.run.scheme].conserves and missing_from is None:
-        whole = WholeRunAccumulator(spec)
-    for accumulator in (stable, asked, extremes, push, whole):
-        blocks = accumulator.through(blocks) if accumulator else blocks
-    impacts: list[Impact] = []
-    noise: list[ImpactNoise] = []
-    first, ended = None, True
+    spec, stability = setup.plant, stability_of(setup, truth)
+    total = None
     with np.errstate(over="ignore", invalid="ignore"):  # of a loop that explodes
-        for found in impacts_of_blocks(setup, blocks):
-            if missing_from is not None and found.over + quiet_steps(setup) > missing_from:
-                continue
-            first = first or of_impact(found)
-            impacts.append(found.impact)
-            noise.append(found.noise)
-            ended = found.ended
-        total = whole.result(impacts) if whole else None
-    stability = stable.result()
+        found = impacts_of(setup, truth)
+        if missing_from is not None:
+            found = [one for one in found if one.over + quiet_steps(setup) <= missing_from]
+        impacts = [one.impact for one in found]
+        if SCHEMES[setup.run.scheme].conserves and missing_from is None:
+            total = whole_run(spec, truth, impacts)
     effects = Neglected(None, stable=False)
-    demand, pushed = asked.result(), push.result()
     if not stability.unstable:
-        effects = neglected(setup, extremes.result(impacts))
-    return Metrics(impacts, noise, first, total, ended, stability, demand, pushed, effects)
+        effects = neglected(setup, extremes_of(spec, truth, impacts))
+    return Metrics(
+        impacts=impacts,
+        noise=[one.noise for one in found],
+        first_impact=of_impact(found[0]) if found else None,
+        whole_run=total,
+        last_contact_ended=found[-1].ended if found else True,
+        stability=stability,
+        demand=demand_of(spec, truth),
+        push=force_timing(spec, truth),
+        neglected=effects,
+    )
 
 
 @lru_cache(maxsize=4)

@@ -10,7 +10,7 @@ from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1
-from hertzloop.results.impacts import impacts_of_blocks
+from hertzloop.results.impacts import impacts_of
 from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.scene.errors import SceneError
@@ -110,12 +110,17 @@ def _moved(
     return {name: abs(others.get(name, np.inf) - metrics[name]) for name in names}
 
 
+def _time_series(setup: Setup, disturbance: float = 0.0) -> np.ndarray:
+    """Simulate a scene with its law; shape (10, steps). Raises SceneError if the law fails."""
+    return np.concatenate([part for _, part in closed_loop_truth(setup, disturbance)], axis=1)
+
+
 def _impacts(
     setup: Setup, disturbance: float = 0.0
 ) -> list[tuple[dict[str, float], dict[str, float]]]:
     """Simulate impacts and their noise metrics, with fields as in `Impact` and `ImpactNoise`."""
     with np.errstate(over="ignore", invalid="ignore"):
-        found = impacts_of_blocks(setup, closed_loop_truth(setup, disturbance))
+        found = impacts_of(setup, _time_series(setup, disturbance))
         return [(vars(one.impact), vars(one.noise)) for one in found]
 
 
@@ -170,7 +175,7 @@ def whole_run_known(setup: Setup) -> bool:
     """
     try:
         for run in (setup, setup.without_control(same_plate=True)):
-            impacts = [one.impact for one in impacts_of_blocks(run, closed_loop_truth(run))]
+            impacts = [one.impact for one in impacts_of(run, _time_series(run))]
             known = known_impacts(run, impacts, setup.run.accuracy)
             if not later_impacts_known(impacts, known):
                 return False
@@ -185,18 +190,14 @@ def horizon_step(setup: Setup, tolerance: float) -> int | None:
     if not SCHEMES[setup.run.scheme].converges:
         return None
     allowed = tolerance * DISTURBANCE / ROUNDING
-    largest = 0.0 * next(closed_loop_truth(setup))[1][:, 0]
-    for _, truth in closed_loop_truth(setup):
-        largest = np.maximum(largest, np.abs(truth).max(axis=1))
+    truth, disturbed = _time_series(setup), _time_series(setup, DISTURBANCE)
+    largest = np.abs(truth).max(axis=1)
     largest[[F_C1, F_A1]] = largest[[F_C, F_A]]  # slopes are as exact as their forces
     largest[largest == 0.0] = 1.0
-    both = zip(closed_loop_truth(setup), closed_loop_truth(setup, DISTURBANCE), strict=True)
-    for (first, truth), (_, disturbed) in both:
-        apart = np.max(np.abs(truth - disturbed) / largest[:, None], axis=0)
-        beyond = np.flatnonzero(~(apart <= allowed))
-        if len(beyond):
-            return first + int(beyond[0])
-    return None
+    beyond = np.zeros(truth.shape[1], bool)
+    for row, other, most in zip(truth, disturbed, largest, strict=True):
+        beyond |= ~(np.abs(row - other) / most <= allowed)
+    return int(np.argmax(beyond)) if beyond.any() else None
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,14 @@
 """What a recording holds: time series, the law of the controller, and the pacing."""
 
 import math
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from hertzloop.bus.streams import CONTROLLER
-from hertzloop.plant.time_series import TRUTH
-from hertzloop.recordings.joined_stream import Arrays
+from hertzloop.plant.metrics.truth_kernels import all_finite
+from hertzloop.plant.time_series import TRUTH, XI_A, XI_P
 from hertzloop.recordings.recording import Recording
-from hertzloop.results.impacts import Block
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 
@@ -18,54 +16,27 @@ NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
 
 
 def truth_of(recording: Recording) -> np.ndarray:
-    """Truth of a recording, shape (10, steps); the actuator's place is the struck point
-    and forces are constant over a step where the recording does not say otherwise.
+    """Return the time series of a recording, shape (10, steps), up to the first step with a number
+    that is not finite.
 
-    All of them at once: for a long recording, see `blocks_of`.
+    The actuator's place is the contact point, and forces are constant over a step, where the
+    recording does not say otherwise.
     """
-    truth = np.zeros((len(TRUTH), recording.truth.samples))
-    at = 0
-    for _, block in blocks_of(recording):
-        truth[:, at : at + block.shape[1]] = block
-        at += block.shape[1]
-    return truth[:, :at]
-
-
-def blocks_of(recording: Recording) -> Iterator[Block]:
-    """The same in blocks, each with its first step, from step 0 up to the first step that is
-    missing or not finite."""
-    yield from _finite_truth(recording, recording.truth.from_start().placed())
+    stream = recording.truth
+    if not stream.arrays.keys() >= NEEDED_FIELDS:
+        return np.zeros((len(TRUTH), 0))
+    truth = stream.matrix(tuple(TRUTH))
+    if "xi_a_m" not in stream.arrays:
+        truth[XI_A] = truth[XI_P]
+    if not all_finite(truth):
+        truth = truth[:, : int(np.argmin(np.isfinite(truth).all(axis=0)))]
+    return truth
 
 
 def missing_from(recording: Recording, setup: Setup) -> int | None:
     """Return the first missing step of a run, where its metrics end; None if it has all steps."""
-    known = recording.truth.from_start().samples
+    known = recording.truth.samples
     return known if known < setup.run.steps else None
-
-
-def pieces_of(recording: Recording) -> Iterator[Block]:
-    """All recorded steps in larger blocks, for what costs by the block."""
-    yield from _finite_truth(recording, recording.truth.pieces())
-
-
-def _finite_truth(recording: Recording, pieces: Iterable[tuple[int, Arrays]]) -> Iterator[Block]:
-    if not recording.truth.arrays.keys() >= NEEDED_FIELDS:
-        return
-    for at, arrays in pieces:
-        first, truth = int(recording.truth.step_at(at)), stacked(arrays)
-        finite = np.isfinite(truth).all(axis=0)
-        if not finite.all():
-            yield first, truth[:, : int(np.argmin(finite))]
-            return
-        yield first, truth
-
-
-def stacked(columns: Arrays) -> np.ndarray:
-    """Truth, shape (10, steps), from columns by their names."""
-    constant = np.zeros(len(columns["xi_m"]))
-    missing = dict.fromkeys(("f_c1_n", "f_a1_n", "deepest_m"), constant)
-    known = missing | {"xi_a_m": columns["xi_p_m"]} | columns
-    return np.stack([known[name] for name in TRUTH])
 
 
 @dataclass(frozen=True)
@@ -196,15 +167,10 @@ def pacing_of(recording: Recording) -> Pacing | None:
     """Missed deadlines of a recorded run; None of a run in lock-step."""
     if "held_steps" not in recording.truth.arrays:
         return None
-    late = oldest = longest = running = 0
-    for arrays in recording.truth.blocks():
-        held = np.asarray(arrays["held_steps"])
-        late, oldest = late + int(np.count_nonzero(held)), max(oldest, int(held.max(initial=0)))
-        # Sequences of the block end where a force was in time; the last may go on in the next.
-        in_time = np.flatnonzero(np.concatenate([held == 0, [True]]))
-        sequences = np.diff(np.concatenate([[-1 - running], in_time])) - 1
-        longest = max(longest, int(sequences.max()))
-        running = int(sequences[-1])
+    held = np.asarray(recording.truth.arrays["held_steps"])
+    late, oldest = int(np.count_nonzero(held)), int(held.max(initial=0))
+    in_time = np.flatnonzero(np.concatenate([[True], held == 0, [True]]))
+    longest = int((np.diff(in_time) - 1).max())
     steps, repeats = recording.truth.samples, "repeats" in recording.metadata
     share = late / steps if steps else 0.0
     return Pacing(late, steps, share, longest, oldest, repeats, _clock(recording))

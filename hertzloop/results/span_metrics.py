@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, fields
 
 from hertzloop.plant.metrics.noise import ImpactNoise
-from hertzloop.results.impact_windows import ImpactMetrics
+from hertzloop.results.impacts import ImpactMetrics
 from hertzloop.results.metric_fields import described, fields_of, metric
 
 

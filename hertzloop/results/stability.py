@@ -9,7 +9,6 @@ from hertzloop.plant.metrics import truth_kernels
 from hertzloop.plant.metrics.truth_kernels import COUNTS, FED, LARGEST, MOST, SINCE, SUMS
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
-from hertzloop.results.statistics import Accumulator
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -47,41 +46,28 @@ class Stability:
     of_contact: float
 
 
-class StabilityAccumulator(Accumulator):
-    """Accumulates the work of the actuator. Missing steps count as no work."""
-
-    def __init__(self, setup: Setup) -> None:
-        self.spec, self.setup = setup.plant, setup
-        try:  # without feedback a law may feed in any energy
-            self.closed = not loaded_law(setup).open_loop
-        except SceneError:  # the law of a recording may not be there any more
-            self.closed = True
-        sphere = self.spec.sphere
-        self.impact_j = sphere.mass_kg * GRAVITY_M_S2 * sphere.drop_height_m
-        self._place = XI_P if self.spec.same_point else XI_A
-        self._sums, self._counts = np.zeros(SUMS), np.zeros(COUNTS, np.int64)
-        self._counts[SINCE] = -1
-
-    def feed(self, first: int, truth: np.ndarray) -> None:
-        """Add the next steps of the time series, shape (10, steps), from step `first` on."""
-        force = truth[F_A]
-        truth_kernels.exchanged(
-            first, force, truth[self._place], self.impact_j, self._sums, self._counts
-        )
-
-    def result(self) -> Stability:
-        """Return the stability of the loop."""
-        most_j, fed_j, largest_n = (float(self._sums[i]) for i in (MOST, FED, LARGEST))
-        unstable = self.closed and not most_j <= UNSTABLE * self.impact_j
-        pumps = self.closed and not fed_j <= self.impact_j
-        rigid_n = rigid_impact(self.spec.sphere, self.spec.contact).peak_n
-        since = int(self._counts[SINCE])
-        return Stability(
-            unstable=unstable,
-            pumps=pumps,
-            since_s=since * self.setup.run.step_s if since >= 0 and (unstable or pumps) else None,
-            most_injected=most_j / self.impact_j,
-            fed_in=fed_j / self.impact_j,
-            largest_force_n=largest_n,
-            of_contact=largest_n / rigid_n,
-        )
+def stability_of(setup: Setup, truth: np.ndarray) -> Stability:
+    """Return the stability of the loop of a run, from its time series, shape (10, steps)."""
+    spec = setup.plant
+    try:  # without feedback a law may feed in any energy
+        closed = not loaded_law(setup).open_loop
+    except SceneError:  # the law of a recording may not be there any more
+        closed = True
+    impact_j = spec.sphere.mass_kg * GRAVITY_M_S2 * spec.sphere.drop_height_m
+    sums, counts = np.zeros(SUMS), np.zeros(COUNTS, np.int64)
+    counts[SINCE] = -1
+    place = truth[XI_P if spec.same_point else XI_A]
+    truth_kernels.exchanged(0, truth[F_A], place, impact_j, sums, counts)
+    most_j, fed_j, largest_n = (float(sums[i]) for i in (MOST, FED, LARGEST))
+    unstable = closed and not most_j <= UNSTABLE * impact_j
+    pumps = closed and not fed_j <= impact_j
+    since = int(counts[SINCE])
+    return Stability(
+        unstable=unstable,
+        pumps=pumps,
+        since_s=since * setup.run.step_s if since >= 0 and (unstable or pumps) else None,
+        most_injected=most_j / impact_j,
+        fed_in=fed_j / impact_j,
+        largest_force_n=largest_n,
+        of_contact=largest_n / rigid_impact(spec.sphere, spec.contact).peak_n,
+    )

@@ -13,12 +13,12 @@ import numpy as np
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.plant import modes_of
-from hertzloop.results.impacts import first_impact, impacts_of_truth
+from hertzloop.results.impacts import first_impact, impacts_of
 from hertzloop.results.metrics import RunResult
 from hertzloop.results.predictability import Predictability, later_impacts_known
 from hertzloop.results.span_metrics import SpanMetrics, of_impact
 from hertzloop.results.spans import follow
-from hertzloop.results.whole_run import WholeRunAccumulator, audible_modes
+from hertzloop.results.whole_run import audible_modes, whole_run
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 
@@ -131,10 +131,8 @@ def _at_phase(setup: Setup, phase: float, whole: bool) -> _Spans:
         raise SceneError("no impact ends within the run")
     run = None
     if whole:
-        accumulator = WholeRunAccumulator(setup.plant)
-        accumulator.feed(0, truth)
-        found = impacts_of_truth(setup, truth, audible_modes(setup.plant))
-        run = accumulator.result([one.impact for one in found])
+        found = impacts_of(setup, truth, audible_modes(setup.plant))
+        run = whole_run(setup.plant, truth, [one.impact for one in found])
     return _spans(of_impact(first), first.noise, run)
 
 

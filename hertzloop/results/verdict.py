@@ -18,10 +18,10 @@ from hertzloop.results.predictability import (
 from hertzloop.results.recorded import (
     Pacing,
     RecordedLaw,
-    blocks_of,
     law_of,
     missing_from,
     pacing_of,
+    truth_of,
 )
 from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import NotRepeatable
@@ -158,7 +158,7 @@ def assess_recording(
         not_repeatable: Why the closed loop cannot be simulated again, where that is so.
     """
     law = law_of(recording)
-    metrics = metrics_of(setup, blocks_of(recording), missing_from(recording, setup))
+    metrics = metrics_of(setup, truth_of(recording), missing_from(recording, setup))
     pacing = pacing_of(recording)
     result = recorded_result(setup, recording, metrics, law, pacing)
     found = assess(setup, result, free, not_repeatable)

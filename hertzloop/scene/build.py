@@ -1,7 +1,6 @@
 """Plant and sensor at the start of a run."""
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
@@ -62,7 +61,7 @@ def build_sensor(setup: Setup, steps: int | None = None) -> Sensor:
     return Sensor(setup.sensor, setup.run.step_s, steps or setup.run.steps, setup.run.seed)
 
 
-def free_series(setup: Setup) -> Iterator[tuple[int, np.ndarray]]:
-    """Simulate the plant alone, without any force of the actuator; its time series in blocks:
-    first step, and an array of shape (10, steps of the block)."""
-    return ts.free_series(build_plant(setup), setup.run.steps)
+def free_series(setup: Setup) -> np.ndarray:
+    """Simulate the plant alone, without any force of the actuator; its time series, shape
+    (10, steps)."""
+    return ts.series_under(build_plant(setup), np.zeros(setup.run.steps))

@@ -33,10 +33,10 @@ def replay_law(recording: Recording, setup: Setup) -> ForceComparison:
     Raises SceneError, LawFault, and RecordingError if the first samples or forces are missing.
     """
     controller = build_controller(setup)
-    daq, force = recording.daq.from_start(), recording.force.from_start()
+    daq, force = recording.daq, recording.force
     if not daq.samples or not force.samples:
         raise RecordingError(f"{recording.path}: the first samples or forces are missing")
-    other = controller.process(daq.values_of(daq.arrays)).forces
+    other = controller.process(daq.values).forces
     recorded = force.arrays["force_n"]
     count = min(len(other), len(recorded))
     other, recorded = other[:count].copy(), recorded[:count]

@@ -4,8 +4,7 @@ from rich.console import Console
 from rich.text import Text
 
 from hertzloop.loop.run_options import LONGEST_NOTE
-from hertzloop.recordings.joined_stream import JoinedStream
-from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.recording import Recording, SampledStream
 from hertzloop.results.inspection import Inspected
 from hertzloop.views.details import demand_words, yield_words
 from hertzloop.views.effects import OUT_OF_RANGE, neglected_lines, warning_lines
@@ -106,6 +105,6 @@ def without_checksum(parts: int) -> str:
     )
 
 
-def streams_of(recording: Recording) -> list[tuple[str, JoinedStream]]:
+def streams_of(recording: Recording) -> list[tuple[str, SampledStream]]:
     """Return the streams of samples of a recording, by name."""
     return [("daq", recording.daq), ("force", recording.force), ("truth", recording.truth)]

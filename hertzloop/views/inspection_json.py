@@ -45,7 +45,6 @@ def summary(found: Inspected) -> dict[str, Any]:
             name: {
                 "messages": stream.messages,
                 "samples": stream.samples,
-                "first_step": stream.first_step,
                 "fields": sorted(stream.arrays),
             }
             for name, stream in streams_of(recording)

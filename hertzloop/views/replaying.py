@@ -11,7 +11,7 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import as_rerun, viewer
 from hertzloop.recordings.replay.contacts import ContactSpan, contacts_of
-from hertzloop.recordings.replay.decimation import Decimator, full_rate_spans
+from hertzloop.recordings.replay.decimation import decimated
 from hertzloop.recordings.replay.plots import SIGNALS, Plot, PlotCurve, ReferenceRun, curve_of
 from hertzloop.recordings.replay.replay_data import ReplayData, ReplayLabels, check_replayable
 from hertzloop.recordings.replay.replay_data import prepare as prepare_replay
@@ -21,8 +21,8 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.curves import Overlay, overlay
 from hertzloop.results.deflection import deflection
 from hertzloop.results.inspection import inspected
-from hertzloop.results.recorded import pacing_of, pieces_of
-from hertzloop.results.stability import StabilityAccumulator
+from hertzloop.results.recorded import pacing_of, truth_of
+from hertzloop.results.stability import stability_of
 from hertzloop.scene.build import free_series
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.errors import SceneError
@@ -95,11 +95,9 @@ def prepare(
     Raises:
         RecordingError: There is nothing to replay, or the scene inside cannot be read.
     """
-    # Deflections follow from all forces before them: where some are missing, the replay ends.
-    whole, recording = recording, _without_gap(recording)
     check_replayable(recording)
     setup = scene_of(recording)
-    contacts = contacts_of(recording.truth.pieces())
+    contacts = contacts_of(recording.truth)
     plate = deflection(setup, recording, contacts=contacts)
     reference: _Reference | None = None
     lines: list[str] = []
@@ -111,18 +109,13 @@ def prepare(
             reference = _without_control(recording, setup, contacts)
             lines = [f"{drawn}: the same without control."]
             if verdict:
-                found = inspected(whole, against_none=True).assessment
+                found = inspected(recording, against_none=True).assessment
                 sentences = verdict_sentences(found) if found else []
         except SceneError as error:
             lines = [f"The run without control cannot be simulated: {error}"]
     labels = _labels(recording, setup, contacts, reference, lines)
     labels = dataclasses.replace(labels, lines=[*sentences, *labels.lines])
     return prepare_replay(recording, plate, labels, contacts)
-
-
-def _without_gap(recording: Recording) -> Recording:
-    """Return the part before a gap."""
-    return dataclasses.replace(recording, truth=recording.truth.before_gap())
 
 
 def scene_of(recording: Recording) -> Setup:
@@ -152,7 +145,7 @@ class _Reference:
 def _without_control(recording: Recording, setup: Setup, contacts: list[ContactSpan]) -> _Reference:
     """Simulate the run without control. Raises SceneError."""
     free = setup.without_control()
-    found = overlay(free, free_series(free), _OF_REFERENCE, free.run.steps)
+    found = overlay(free, free_series(free), _OF_REFERENCE)
     curves, _ = _curves(found, free.run.step_ns, _touch_ns(recording, contacts), "no control")
     return _Reference(ReferenceRun(curves, "", "no control"), found, setup.run.step_s)
 
@@ -161,10 +154,9 @@ def _other_recording(
     recording: Recording, setup: Setup, contacts: list[ContactSpan], other: Recording
 ) -> tuple[_Reference, list[str]]:
     """Return another recording to compare with, and lines that name both."""
-    other = _without_gap(other)
     check_replayable(other)
     theirs = scene_of(other)
-    found = overlay(theirs, pieces_of(other), _OF_REFERENCE, other.truth.samples)
+    found = overlay(theirs, truth_of(other), _OF_REFERENCE)
     curves, shift_ns = _curves(found, theirs.run.step_ns, _touch_ns(recording, contacts), "B")
     lines = [
         f"A: {recording.path.name}. B, faint: {other.path.name}",
@@ -180,7 +172,7 @@ def _touch_ns(recording: Recording, contacts: list[ContactSpan]) -> int | None:
     """Return when the first contact of a recording begins, ns; None without a contact."""
     if not contacts:
         return None
-    return int(recording.truth.step_at(contacts[0].first)) * recording.truth.step_ns
+    return contacts[0].first * recording.truth.step_ns
 
 
 def _curves(
@@ -221,17 +213,13 @@ def _labels(
     lines: list[str],
 ) -> ReplayLabels:
     """Return heading, description, energies and spectra of a replay."""
-    accumulator, truth = StabilityAccumulator(setup), recording.truth
-    blocks = accumulator.through(pieces_of(recording))
-    near = full_rate_spans([(contact.first, contact.end) for contact in contacts], truth.samples)
-    begin = int(truth.step_at(0))
-    spans = [(begin + a, begin + b) for a, b in near]
-    own = overlay(setup, blocks, _ENERGIES, truth.samples, spans)
+    truth = truth_of(recording)
+    own = overlay(setup, truth, _ENERGIES)
     described = provenance.description(setup, recording)
     described_lines = [*described[:2], *lines, *described[2:]]
     if paced := pacing_of(recording):
         described_lines += lateness_sentences(paced)[:1]
-    since_s, until_ns = accumulator.result().since_s, LAST_NS
+    since_s, until_ns = stability_of(setup, truth).since_s, LAST_NS
     if since_s is not None:
         until_ns = round(since_s * 1e9)
         described_lines.insert(0, f"**Unstable** from {1e3 * since_s:z.3f} ms on")
@@ -258,9 +246,7 @@ def _labels(
 def _latencies(setup: Setup, samples: int) -> Plot:
     """Return the latencies of the first commands of a run as a plot."""
     values = latencies_us(setup)[:samples]
-    decimator = Decimator(len(values))
-    decimator.feed(0, values, np.zeros(len(values), np.bool_))
-    line = decimator.line()
+    line = decimated(values, [])
     times = line.at * setup.sensor.every_steps * setup.run.step_ns
     return Plot("latency", "Latency of commands (µs)", (curve_of("latency", line, times),))
 

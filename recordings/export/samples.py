@@ -1,6 +1,5 @@
 """Samples of a recording for an export: columns with labels, within a span of time."""
 
-from bisect import bisect_left
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,12 +7,12 @@ from functools import cached_property
 import numpy as np
 
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.joined_stream import Arrays, JoinedStream
-from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.recording import Recording, SampledStream
 
 WINDOW_STEPS = 1 << 16
 STREAMS = ("truth", "daq", "force")
 
+Arrays = dict[str, np.ndarray]
 Label = tuple[str, str]  # unit, meaning
 Piece = tuple[np.ndarray, Arrays]  # steps, and columns of the same length
 
@@ -28,118 +27,52 @@ class Samples:
     span_ns: tuple[int, int] = (0, LAST_NS)
 
     @cached_property
-    def names(self) -> dict[str, list[str]]:
-        """Names of the columns, by stream."""
-        return {name: list(self.renamed(name, self._empty(name))) for name in STREAMS}
+    def columns(self) -> dict[str, Arrays]:
+        """All columns by stream and name."""
+        daq, force, truth = self.recording.daq, self.recording.force, self.recording.truth
+        names = {"code": "daq_code", "value": "daq_value", "saturated": "daq_saturated"}
+        acquired = {new: daq.arrays[old] for old, new in names.items() if old in daq.arrays}
+        if "code" in daq.arrays:
+            acquired["daq_value"] = daq.values
+        commanded = {"command_n": force.arrays["force_n"]} if force.arrays else {}
+        return {"truth": dict(truth.arrays), "daq": acquired, "force": commanded}
 
-    def stream(self, name: str) -> JoinedStream:
+    def stream(self, name: str) -> SampledStream:
         """One of STREAMS."""
         found = getattr(self.recording, name)
-        assert isinstance(found, JoinedStream)
+        assert isinstance(found, SampledStream)
         return found
 
-    def recorded_ns(self) -> tuple[int, int] | None:
-        """Simulated times of the first and the last sample of the recording, ns; None without
-        samples."""
-        streams = [stream for name in STREAMS if (stream := self.stream(name)).samples]
-        if not streams:
-            return None
-        first = min(stream.time_ns_at(0) for stream in streams)
-        return first, max(stream.time_ns_at(stream.samples - 1) for stream in streams)
+    @property
+    def step_ns(self) -> int:
+        """Length of a step, ns."""
+        return max(self.stream(name).step_ns for name in STREAMS) or 1
 
-    def holds_any(self) -> bool:
-        """Whether a stream has a sample within the span."""
-        low, high = self.span_ns
-        for stream in map(self.stream, STREAMS):
-            at = bisect_left(range(stream.samples), low, key=stream.time_ns_at)
-            if at < stream.samples and stream.time_ns_at(at) <= high:
-                return True
-        return False
-
-    def _empty(self, name: str) -> Arrays:
-        stream = self.stream(name)
-        known = getattr(stream.arrays, "dtypes", None)
-        if known is None:
-            known = {key: values.dtype for key, values in stream.arrays.items()}
-        return {key: np.empty(0, dtype) for key, dtype in known.items()}
-
-    def renamed(self, name: str, arrays: Arrays) -> Arrays:
-        """Columns of an export, from the fields of a message."""
-        if name == "force":
-            return {"command_n": arrays["force_n"]} if "force_n" in arrays else {}
-        if name != "daq":
-            return arrays
-        found = {f"daq_{key}": arrays[key] for key in ("code", "value") if key in arrays}
-        if "code" in arrays:
-            found["daq_value"] = self.recording.daq.values_of(arrays)
-        if "saturated" in arrays:
-            found["daq_saturated"] = arrays["saturated"]
-        return found
-
-    def dtype(self, stream: str, column: str) -> np.dtype:
-        """Of a column of one of STREAMS."""
-        return self.renamed(stream, self._empty(stream))[column].dtype
+    @property
+    def end_step(self) -> int:
+        """Step after the last sample of the recording."""
+        streams = map(self.stream, STREAMS)
+        return max((s.end_step - s.every_steps + 1 for s in streams if s.samples), default=0)
 
     def label(self, column: str) -> Label:
         """Unit and meaning of a column; empty words where there are none."""
         return self.labels.get(column, ("", ""))
 
-    def pieces(self, name: str) -> Iterator[Piece]:
-        """Samples of a stream within the span, block by block. Raises RecordingError if the file
-        changes meanwhile."""
-        stream = self.stream(name)
-        low, high = self.span_ns
-        for at, arrays in stream.placed():
-            steps = stream.step_at(np.arange(at, at + len(next(iter(arrays.values())))))
-            inside = (steps >= -(-low // stream.step_ns)) & (steps <= high // stream.step_ns)
-            if inside.all():
-                yield steps, self.renamed(name, arrays)
-            elif inside.any():
-                yield steps[inside], self.renamed(name, {k: v[inside] for k, v in arrays.items()})
-
-    @property
-    def step_ns(self) -> int:
-        """Length of a step, ns."""
-        lengths = (self.stream(name).step_ns for name in STREAMS)
-        return next((length for length in lengths if length), 1)
-
     def windows(self) -> Iterator[dict[str, Piece]]:
-        """Samples of all streams side by side: at most WINDOW_STEPS steps at a time."""
-        feeds = {name: _Feed(self.pieces(name)) for name in STREAMS}
-        while True:
-            waiting = [feed.next_step for feed in feeds.values() if feed.next_step is not None]
-            if not waiting:
-                return
-            end = min(waiting) + WINDOW_STEPS
-            yield {
-                name: piece
-                for name, feed in feeds.items()
-                if (piece := feed.until(end)) is not None
-            }
+        """Yield samples of all streams side by side: at most WINDOW_STEPS steps at a time."""
+        low, high = self.span_ns
+        start, stop = -(-low // self.step_ns), min(high // self.step_ns + 1, self.end_step)
+        for first in range(start, stop, WINDOW_STEPS):
+            end = min(first + WINDOW_STEPS, stop)
+            found = {name: self._piece(name, first, end) for name in STREAMS}
+            if any(len(steps) for steps, _ in found.values()):
+                yield found
 
-
-class _Feed:
-    def __init__(self, pieces: Iterator[Piece]) -> None:
-        self._pieces = pieces
-        self._held: Piece | None = next(pieces, None)
-
-    @property
-    def next_step(self) -> int | None:
-        """Step of the next sample, None at the end."""
-        return int(self._held[0][0]) if self._held else None
-
-    def until(self, end: int) -> Piece | None:
-        """All samples before step `end`, None if there are none."""
-        taken: list[Piece] = []
-        while self._held and self._held[0][0] < end:
-            steps, arrays = self._held
-            count = int(np.searchsorted(steps, end))
-            taken.append((steps[:count], {k: v[:count] for k, v in arrays.items()}))
-            if count < len(steps):
-                self._held = steps[count:], {k: v[count:] for k, v in arrays.items()}
-            else:
-                self._held = next(self._pieces, None)
-        if not taken:
-            return None
-        columns = {k: np.concatenate([arrays[k] for _, arrays in taken]) for k in taken[0][1]}
-        return np.concatenate([steps for steps, _ in taken]), columns
+    def _piece(self, name: str, first: int, end: int) -> Piece:
+        """Return the samples of a stream from step `first` to before `end`."""
+        stream = self.stream(name)
+        every = stream.every_steps
+        a, b = -(-first // every), min(-(-end // every), stream.samples)
+        return np.arange(a, max(a, b)) * every, {
+            label: values[a:b] for label, values in self.columns[name].items()
+        }

@@ -79,7 +79,9 @@ def write_mcap(samples: Samples, path: Path) -> None:
             (e for e in recording.events if low <= e.time_ns <= high), key=lambda e: e.time_ns
         )
         for window in samples.windows():
-            end_ns = samples.step_ns * max(int(steps[-1]) for steps, _ in window.values())
+            end_ns = samples.step_ns * max(
+                int(steps[-1]) for steps, _ in window.values() if len(steps)
+            )
             due = [event for event in events if event.time_ns <= end_ns]
             events = events[len(due) :]
             _write_window(writer, samples, window, topics, due, log)
@@ -91,7 +93,7 @@ def _topics(writer: Writer, samples: Samples) -> list[_Topic]:
     schema = writer.register_schema(SCHEMA, "ros2msg", _DEFINITION.encode())
     found = []
     for stream in STREAMS:
-        for column in samples.names[stream]:
+        for column in samples.columns[stream]:
             about = dict(zip(("unit", "meaning"), samples.label(column), strict=True))
             channel = writer.register_channel(f"/{stream}/{column}", "cdr", schema, about)
             found.append(_Topic(channel, stream, column))

@@ -56,8 +56,8 @@ def _schema(samples: Samples) -> Any:
 
     columns = [column(name, np.dtype(np.int64), label) for name, label in _TIME_NAME.items()]
     for stream in STREAMS:
-        for name in samples.names[stream]:
-            columns.append(column(name, samples.dtype(stream, name), samples.label(name)))
+        for name, values in samples.columns[stream].items():
+            columns.append(column(name, values.dtype, samples.label(name)))
     recording = samples.recording
     return pa.schema(
         columns,
@@ -70,13 +70,12 @@ def _table(samples: Samples, schema: Any, window: dict[str, Piece]) -> Any:
     steps = np.unique(np.concatenate([steps for steps, _ in window.values()]))
     columns = [pa.array(steps), pa.array(steps * samples.step_ns)]
     for stream in STREAMS:
-        own, arrays = window.get(stream, (np.empty(0, np.int64), {}))
+        own, arrays = window[stream]
         rows = np.searchsorted(steps, own)
         missing = np.ones(len(steps), bool)
         missing[rows] = False
-        for name in samples.names[stream]:
-            values = np.zeros(len(steps), samples.dtype(stream, name))
-            if len(rows):
-                values[rows] = arrays[name]
+        for known in arrays.values():
+            values = np.zeros(len(steps), known.dtype)
+            values[rows] = known
             columns.append(pa.array(values, mask=missing if missing.any() else None))
     return pa.Table.from_arrays(columns, schema=schema)

@@ -1,5 +1,6 @@
 """A recording as a Rerun recording: the view of a run, not its archive."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -97,20 +98,20 @@ def fill(stream: rr.RecordingStream, replay: ReplayData, still: bool = False) ->
 def _full_arrow_n(replay: ReplayData) -> float:
     """Actuator force that is drawn with a whole arrow: a round number above the largest around the
     first contact."""
-    pushed = next(c for plot in replay.plots for c in plot.curves if c.name == "F_a")
-    a, b = np.searchsorted(pushed.time_ns, replay.when.selection_ns)
-    largest = float(np.nan_to_num(np.abs(pushed.values[a : b + 1])).max(initial=0.0))
-    if not largest:
-        largest = max(-float(np.nanmin(pushed.values)), float(np.nanmax(pushed.values)))
-    if not np.isfinite(largest):
-        return 0.0
-    return scene3d.round_above(largest) if largest > 0.0 else 0.0
+    truth = replay.recording.truth
+    force_n = np.abs(truth.arrays["f_a_n"])
+    a, b = (ns // truth.step_ns for ns in replay.when.selection_ns)
+    largest = float(np.nan_to_num(force_n[a : b + 1]).max(initial=0.0)) or float(force_n.max())
+    return scene3d.round_above(largest) if 0.0 < largest < math.inf else 0.0
 
 
 def _surface_title(replay: ReplayData) -> str:
     if not replay.deflection.known:
         return "Structure, drawn flat: its shapes are unknown"
-    return "Plate at rest" if replay.drawn.flat else f"Plate, heights drawn {replay.drawn.in_words}"
+    if replay.drawn.flat:
+        return "Plate at rest"
+    full = scene3d.with_unit(replay.drawn.full_colour_m, "m")
+    return f"Plate, heights drawn {replay.drawn.in_words}; blue: -{full} and below, red: +{full}"
 
 
 def _send_curve(stream: rr.RecordingStream, plot: Plot, curve: PlotCurve, within: float) -> None:
@@ -147,11 +148,11 @@ def _send_events(stream: rr.RecordingStream, recording: Recording) -> None:
 
 def _send_states(stream: rr.RecordingStream, replay: ReplayData) -> None:
     recording, truth = replay.recording, replay.recording.truth
-    contact = [(truth.time_ns_at(0), "apart")]
+    contact = [(0, "apart")]
     for touched in replay.contacts:
-        contact.append((truth.time_ns_at(touched.first), "in contact"))
+        contact.append((touched.first * truth.step_ns, "in contact"))
         if touched.end < truth.samples:
-            contact.append((truth.time_ns_at(touched.end), "apart"))
+            contact.append((touched.end * truth.step_ns, "apart"))
     law = law_states(recording, replay.labels.controlled)
     for name, states in (("contact", contact), ("law", law)):
         known = list(dict.fromkeys(state for _, state in states))
@@ -170,7 +171,7 @@ def _send_contacts(stream: rr.RecordingStream, replay: ReplayData) -> None:
     truth, contacts = replay.recording.truth, replay.contacts[:_MOST_LISTED]
     if not contacts:
         return
-    begins_ns = truth.step_at(np.array([one.first for one in contacts])) * truth.step_ns
+    begins_ns = np.array([one.first for one in contacts]) * truth.step_ns
     texts = [
         f"{i} at {begins_ns[i - 1] * 1e-6:z.3f} ms: "
         f"{with_unit((one.end - one.first) * truth.step_ns * 1e-9, 's')}, "

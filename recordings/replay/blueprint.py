@@ -110,12 +110,11 @@ def _contacts() -> rrb.TextLogView:
     )
 
 
-def _spectrum() -> rrb.Spatial2DView:
-    return rrb.Spatial2DView(
+def _spectrum() -> rrb.BarChartView:
+    return rrb.BarChartView(
         origin="spectrum",
-        name="Plate velocity v_p, first half second: level in 1/12 octaves, dB re 1 m/s",
-        background=_BACKGROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=(-13.0, 119.0), y_range=(-2.0, 36.0)),
+        name="Plate velocity v_p, first half second: dB re 1 nm/s in 1/12 octaves over lg(f / Hz)",
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
     )
 
 

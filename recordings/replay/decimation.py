@@ -96,54 +96,14 @@ class Line:
     overview: np.ndarray
 
 
-def within(spans: Sequence[Span], first: int, count: int) -> np.ndarray:
-    """Return which of `count` positions from `first` on lie in spans (ascending, apart)."""
-    found = np.zeros(count, bool)
-    ends = np.array(spans, np.int64).reshape(-1, 2)[:, 1]
-    for a, b in spans[int(np.searchsorted(ends, first, "right")) :]:
-        if a >= first + count:
-            break
-        found[max(a - first, 0) : b - first] = True
-    return found
-
-
-class Decimator:
-    """Keeps the marked samples of a signal, and the minimum and maximum of equal pieces elsewhere.
-
-    All of a short signal is kept.
-
-    Args:
-        samples: Length of the signal.
-    """
-
-    def __init__(self, samples: int) -> None:
-        self._samples = samples
-        self._at: list[np.ndarray] = []
-        self._values: list[np.ndarray] = []
-        self._overview: list[np.ndarray] = []
-        self._kept = 0
-
-    def feed(self, first: int, values: np.ndarray, marked: np.ndarray) -> None:
-        """Add the values from position `first` on; those that are `marked` are kept."""
-        shown, whole = marked.copy(), extremes(values, self._share(len(values), OVERVIEW_POINTS))
-        shown[whole] = True
-        outside = self._share(len(values), OUTSIDE_POINTS)
-        short = self._samples <= FULL_RATE_SAMPLES
-        shown[slice(None) if short else extremes(values, outside)] = True
-        kept = np.flatnonzero(shown)
-        self._at.append(first + kept)
-        self._values.append(values[kept])
-        self._overview.append(self._kept + np.searchsorted(kept, whole))
-        self._kept += len(kept)
-
-    def _share(self, count: int, points: int) -> int:
-        """Return how many of `points` belong to `count` values."""
-        return max(4, count * points // max(self._samples, 1))
-
-    def line(self) -> Line:
-        """Return what was kept."""
-        if not self._at:
-            nothing = np.empty(0, np.int64)
-            return Line(nothing, np.empty(0), nothing)
-        parts = (self._at, self._values, self._overview)
-        return Line(*(np.concatenate(part) for part in parts))
+def decimated(values: np.ndarray, contacts: Sequence[Span]) -> Line:
+    """Return fewer samples of a signal: all of them around contacts and of a short signal, and the
+    minimum and maximum of equal pieces elsewhere."""
+    whole = extremes(values, OVERVIEW_POINTS)
+    shown = np.zeros(len(values), bool)
+    shown[whole] = True
+    shown[extremes(values, OUTSIDE_POINTS)] = True
+    for first, end in full_rate_spans(contacts, len(values)):
+        shown[first:end] = True
+    at = np.flatnonzero(shown)
+    return Line(at, values[at], np.searchsorted(at, whole))

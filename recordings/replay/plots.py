@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.recordings.recording import Recording
-from hertzloop.recordings.replay.contacts import ContactSpan, Span
-from hertzloop.recordings.replay.decimation import Decimator, Line, full_rate_spans, within
+from hertzloop.recordings.replay.contacts import ContactSpan
+from hertzloop.recordings.replay.decimation import Line, decimated
 
 # Of truth: plot, curve, field, factor, held from one step to the next.
 SIGNALS = (
@@ -96,18 +96,21 @@ def plots(
     signals = list(SIGNALS)
     if LATE[2] in recording.truth.arrays:
         signals.append(LATE)
-    lines = _signals(recording, spans, [field for _, _, field, _, _ in signals])
-    for (plot, name, _, factor, held), line in zip(signals, lines, strict=True):
-        times = recording.truth.step_at(line.at) * recording.truth.step_ns
+    truth, daq = recording.truth, recording.daq
+    for plot, name, field, factor, held in signals:
+        line = decimated(truth.arrays[field], spans)
+        times = line.at * truth.step_ns
         curves[plot].append(curve_of(name, line, times, factor, held, name + own))
     plot, factor = {
         "v_p": ("velocity", 1.0),
         "acceleration": ("acceleration", 1.0),
         "contact_force": ("force", 1.0),
     }.get(recording.scene_value("sensors", "quantity", "xi"), ("gap", 1e6))
-    if recording.daq.samples:
-        line = _measured(recording, spans)
-        times = recording.daq.step_at(line.at) * recording.daq.step_ns
+    if daq.samples:
+        # A converter may be slower than the plant.
+        own = [(-(-a // daq.every_steps), -(-b // daq.every_steps)) for a, b in spans]
+        line = decimated(daq.values, own)
+        times = line.at * (daq.every_steps * daq.step_ns)
         curves[plot].append(curve_of("measured", line, times, factor, held=True))
     return [Plot(key, TITLES[key], tuple(found)) for key, found in curves.items() if found]
 
@@ -124,29 +127,3 @@ def curve_of(
     """Return a decimated signal as a curve, in the plot's unit."""
     values = line.values if factor == 1.0 else factor * line.values
     return PlotCurve(name, time_ns, values, held, label, faint, line.overview)
-
-
-def _signals(recording: Recording, spans: list[Span], fields: Sequence[str]) -> list[Line]:
-    truth = recording.truth
-    near = full_rate_spans(spans, truth.samples)
-    decimators = {name: Decimator(truth.samples) for name in fields}
-    for at, arrays in truth.pieces():
-        marked = within(near, at, len(arrays["xi_m"]))
-        for name, decimator in decimators.items():
-            decimator.feed(at, arrays[name], marked)
-    return [decimator.line() for decimator in decimators.values()]
-
-
-def _measured(recording: Recording, spans: list[Span]) -> Line:
-    """What was acquired, around the same contacts: a converter may be slower than the plant."""
-    truth, daq = recording.truth, recording.daq
-    steps = truth.step_at(np.array(spans, np.int64).reshape(-1, 2))
-    own = -(-(steps - daq.first_step) // daq.every_steps)
-    for position, step in daq.resumed:
-        own = np.where(steps >= step, position + -(-(steps - step) // daq.every_steps), own)
-    near = full_rate_spans([(max(a, 0), b) for a, b in own.tolist()], daq.samples)
-    decimator = Decimator(daq.samples)
-    for at, arrays in daq.pieces():
-        values = daq.values_of(arrays)
-        decimator.feed(at, values, within(near, at, len(values)))
-    return decimator.line()

@@ -1,12 +1,10 @@
 """Everything that a replay shows of a run, computed once."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from hertzloop.bus.streams import LAST_NS
-from hertzloop.recordings.joined_stream import Arrays, JoinedStream
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.replay import scene3d
 from hertzloop.recordings.replay.contacts import ContactSpan, contacts_of
@@ -64,7 +62,7 @@ class ReplayData:
     when: Moments
     plots: list[Plot]
     drawn: scene3d.Scale
-    at_frames: Arrays
+    at_frames: dict[str, np.ndarray]
     sphere_radius_m: float
     labels: ReplayLabels
 
@@ -85,18 +83,19 @@ def prepare(
     """
     truth, labels = recording.truth, labels or ReplayLabels()
     if contacts is None:
-        contacts = contacts_of(truth.pieces())
+        contacts = contacts_of(truth)
     touching = None
     if contacts:
-        begun = truth.time_ns_at(contacts[0].first)
+        begun = contacts[0].first * truth.step_ns
         touching = begun, begun + (contacts[0].end - contacts[0].first) * truth.step_ns
-    run_ns = truth.time_ns_at(0), truth.time_ns_at(truth.samples - 1)
-    when = moments(run_ns, touching, truth.step_ns, labels.until_ns)
+    when = moments(
+        (0, (truth.samples - 1) * truth.step_ns), touching, truth.step_ns, labels.until_ns
+    )
     radius = float(recording.scene_value("sphere", "radius_m", 0.0))
     drawn = scene3d.scale(deflection, when.selection_ns, radius)
     all_plots = [*plots(recording, contacts, labels.reference), *labels.more_plots]
-    frames = deflection.times_ns // truth.step_ns - truth.first_step
-    at_frames = samples_at(truth, frames, ("xi_s_m", "xi_m", "f_a_n"))
+    frames = deflection.times_ns // truth.step_ns
+    at_frames = {name: truth.arrays[name][frames] for name in ("xi_s_m", "xi_m", "f_a_n")}
     return ReplayData(
         recording, deflection, contacts, when, all_plots, drawn, at_frames, radius, labels
     )
@@ -108,14 +107,3 @@ def check_replayable(recording: Recording) -> None:
         raise RecordingError(
             f"{recording.path} holds no step of the simulation: there is nothing to replay"
         )
-
-
-def samples_at(stream: JoinedStream, positions: np.ndarray, names: Sequence[str]) -> Arrays:
-    """Return the samples of a stream at ascending positions, (positions,) by name."""
-    found: dict[str, list[np.ndarray]] = {name: [np.empty(0)] for name in names}
-    for at, arrays in stream.pieces():
-        count = len(next(iter(arrays.values())))
-        a, b = np.searchsorted(positions, (at, at + count))
-        for name, parts in found.items():
-            parts.append(arrays[name][positions[a:b] - at])
-    return {name: np.concatenate(parts) for name, parts in found.items()}

@@ -1,9 +1,7 @@
-"""The plate, the sphere, the actuator and the colour scale in three dimensions."""
+"""The plate, the sphere and the actuator in three dimensions, in the viewer's own light."""
 
 import math
 from dataclasses import dataclass, replace
-from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import rerun as rr
@@ -20,20 +18,26 @@ _RUNAWAY = 100.0  # times as large as at the first impact: a run that explodes
 _MOST_SHARE = 0.3  # largest deflection as drawn; what is beyond is cut
 _HIGHEST_SHARE = 0.35  # of the sphere as drawn: it stays in the picture
 _FLAT_M = 1e-15  # less than this is no deflection
-_LOW, _REST, _HIGH = (np.array(c) for c in ((38, 98, 214), (196, 204, 214), (226, 84, 44)))
-_SHADES = 512  # to either side of rest: finer than a colour can be told
-_LIGHTS = 128  # levels of light, from none to all of it
-# The viewer's lamps (rerun-sdk 0.41): direction to each and brightness; light from everywhere.
-_LAMPS = (((1.0, 2.0, 3.0), 1.0), ((-1.0, -3.0, -5.0), 0.5))
-_AMBIENT = 0.2
 _EXACT_SHARE = 1e-3  # error of a surface as drawn, of the plate's shorter side: below one pixel
+_NORMAL_STEP = 1 / 64  # of a unit normal: finer than its light can be told
+_LOW, _REST, _HIGH = (np.array(c) for c in ((38, 98, 214), (196, 204, 214), (226, 84, 44)))
+_STEEL, _TOUCHING = 0xC4CCD6FF, 0xFFB020FF
+_ACTUATOR = (74, 222, 128)
+_ARROW_SHARE = 0.16  # length of the largest force, of the plate's shorter side
+_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How things are drawn: heights times `heights`, up to `highest_m` as drawn; deflections from
-    `full_colour_m` on in full colour, the sphere with `sphere_radius_m` instead of its own radius
-    and never more than `sphere_highest_m` above the plate."""
+    """How things are drawn.
+
+    Attributes:
+        heights: Factor of heights.
+        full_colour_m: Deflection from which on the colour is full.
+        sphere_radius_m: Radius of the sphere as drawn.
+        highest_m: Largest deflection as drawn.
+        sphere_highest_m: Largest height of the sphere above the plate as drawn.
+    """
 
     heights: float
     full_colour_m: float
@@ -85,7 +89,23 @@ def round_above(wanted: float) -> float:
     return float(power * min(step for step in (1, 2, 5, 10) if step * power >= wanted * (1 - 1e-9)))
 
 
-def triangles(deflection: Deflection) -> np.ndarray:
+def with_unit(value: float, unit: str) -> str:
+    """A length or force with a prefix: 2e-6, "m" is "2 µm"."""
+    size, prefix = next((p for p in _PREFIXES if abs(value) >= p[0]), _PREFIXES[-1])
+    return f"{value / size:.3g} {prefix}{unit}" if value else f"0 {unit}"
+
+
+def times(time_ns: np.ndarray) -> rr.TimeColumn:
+    """Simulated times, exact to the nanosecond."""
+    return rr.TimeColumn(TIMELINE, duration=time_ns.astype("timedelta64[ns]"))
+
+
+def heights(deflection: Deflection, drawn: Scale) -> np.ndarray:
+    """Deflections as drawn, (frames, nx, ny), m."""
+    return np.asarray(np.clip(drawn.heights * deflection.w_m, -drawn.highest_m, drawn.highest_m))
+
+
+def _triangles(deflection: Deflection) -> np.ndarray:
     """Vertex indices of the triangles, shape (triangles, 3); vertex (i, j) is i * ny + j."""
     nx, ny = len(deflection.x_m), len(deflection.y_m)
     corner = (np.arange(nx - 1)[:, None] * ny + np.arange(ny - 1)).ravel()
@@ -94,19 +114,28 @@ def triangles(deflection: Deflection) -> np.ndarray:
     return np.concatenate([lower, upper]).astype(np.uint32)
 
 
-def vertices(deflection: Deflection, drawn: Scale) -> np.ndarray:
-    """Positions with the heights multiplied, shape (frames, nodes, 3), m."""
-    frames, nx, ny = deflection.w_m.shape
-    found = np.empty((frames, nx, ny, 3), np.float32)
-    found[..., 0] = deflection.x_m[:, None]
-    found[..., 1] = deflection.y_m
-    found[..., 2] = _heights(deflection, drawn)
-    return found.reshape(frames, nx * ny, 3)
+def _vertices(deflection: Deflection, drawn: Scale) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (m) and unit normals of the surface as drawn, each of shape (frames, nx, ny, 3)."""
+    w = heights(deflection, drawn).astype(np.float32)
+    places, normals = np.empty((2, *w.shape, 3), np.float32)
+    places[..., 0], places[..., 1], places[..., 2] = deflection.x_m[:, None], deflection.y_m, w
+    slope_x, slope_y = np.gradient(w, deflection.x_m, deflection.y_m, axis=(1, 2))
+    normals[..., 0], normals[..., 1], normals[..., 2] = -slope_x, -slope_y, 1.0
+    return places, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
 
-def _heights(deflection: Deflection, drawn: Scale) -> np.ndarray:
-    """Deflections as drawn, (frames, nx, ny), m."""
-    return np.asarray(np.clip(drawn.heights * deflection.w_m, -drawn.highest_m, drawn.highest_m))
+def _rounded(values: np.ndarray, step: float) -> np.ndarray:
+    """Values to the nearest multiple of a power of two that is not above a step."""
+    step = 2.0 ** math.floor(math.log2(step))
+    return np.rint(values / np.float32(step)) * np.float32(step)
+
+
+def _colours(deflection: Deflection, drawn: Scale) -> np.ndarray:
+    """Blue below and red above rest, shape (frames, nx, ny), 0xRRGGBBAA."""
+    share = np.clip(deflection.w_m / drawn.full_colour_m, -1.0, 1.0)[..., None]
+    rgb = _REST + abs(share) * (np.where(share < 0.0, _LOW, _HIGH) - _REST)
+    red, green, blue = np.moveaxis(rgb.astype(np.uint32), -1, 0)
+    return np.asarray((red << 24) | (green << 16) | (blue << 8) | np.uint32(255))
 
 
 def enough_lines(along_m: np.ndarray, heights: np.ndarray, within_m: float) -> np.ndarray:
@@ -126,53 +155,32 @@ def enough_lines(along_m: np.ndarray, heights: np.ndarray, within_m: float) -> n
     return np.array(kept)
 
 
-def normals(deflection: Deflection, drawn: Scale) -> np.ndarray:
-    """Unit normals of the surface as drawn, shape (frames, nodes, 3)."""
-    w = _heights(deflection, drawn).astype(np.float32)
-    x, y = deflection.x_m.astype(np.float32), deflection.y_m.astype(np.float32)
-    slope_x, slope_y = np.gradient(w, x, y, axis=(1, 2))
-    up = 1.0 / np.sqrt(slope_x * slope_x + slope_y * slope_y + np.float32(1.0))
-    found = np.empty((*w.shape, 3), np.float32)
-    np.multiply(slope_x, -up, out=found[..., 0])
-    np.multiply(slope_y, -up, out=found[..., 1])
-    found[..., 2] = up
-    return found.reshape(len(w), -1, 3)
-
-
-def light(normals: np.ndarray) -> np.ndarray:
-    """Share of its colour that a surface shows in the viewer's light, by normals (..., 3)."""
-    found = np.full(normals.shape[:-1], _AMBIENT, np.float32)
-    for towards, brightness in _LAMPS:
-        unit = np.array(towards, np.float32) / np.float32(np.linalg.norm(towards))
-        found += np.float32(brightness) * np.clip(normals @ unit, 0.0, 1.0)
-    return np.asarray(np.clip(found, 0.0, 1.0))
-
-
-def colours(deflection: Deflection, drawn: Scale) -> np.ndarray:
-    """Blue below and red above rest, darker where the surface turns away from the light, shape
-    (frames, nodes), 0xRRGGBBAA."""
-    share = deflection.w_m.reshape(len(deflection.w_m), -1) / drawn.full_colour_m
-    return colour_of(share, light(normals(deflection, drawn)))
-
-
-def colour_of(share: np.ndarray, lit: np.ndarray | float = 1.0) -> np.ndarray:
-    """Colours of deflections in shares of that in full colour, `lit` by so much of the light (both
-    of the same shape, or one number), 0xRRGGBBAA."""
-    shade = np.rint(_SHADES * np.clip(share, -1.0, 1.0)).astype(np.int16) + np.int16(_SHADES)
-    return np.asarray(_shades()[shade, np.rint(_LIGHTS * np.asarray(lit)).astype(np.int16)])
-
-
-@cache
-def _shades() -> np.ndarray:
-    """The colours of the shares -1 to 1 and of no light to all of it, each in equal steps,
-    (2 _SHADES + 1, _LIGHTS + 1), 0xRRGGBBAA."""
-    share = np.linspace(-1.0, 1.0, 2 * _SHADES + 1)[:, None]
-    towards = np.where(share < 0.0, _LOW, _HIGH)
-    # Light multiplies what a colour stands for: its number to the power of 2.2.
-    lit = np.linspace(0.0, 1.0, _LIGHTS + 1)[:, None] ** (1.0 / 2.2)
-    rgb = (_REST + abs(share) * (towards - _REST))[:, None] * lit
-    red, green, blue = rgb.astype(np.uint32).transpose(2, 0, 1)
-    return (red << 24) | (green << 16) | (blue << 8) | np.uint32(255)
+def send_plate(stream: rr.RecordingStream, deflection: Deflection, drawn: Scale) -> None:
+    """The deflecting plate with its rim at rest."""
+    (x0, y0), (x1, y1) = deflection.low_m, (deflection.x_m[-1], deflection.y_m[-1])
+    edge = [(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0), (x0, y0, 0)]
+    stream.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    stream.log("scene/edge", rr.LineStrips3D([edge], colors=(120, 130, 145)), static=True)
+    # What each frame repeats decides how large the file is: only as many nodes as the surface
+    # needs.
+    w, within_m = heights(deflection, drawn), _EXACT_SHARE * min(deflection.size_m)
+    i = enough_lines(deflection.x_m, w, within_m)
+    j = enough_lines(deflection.y_m, w[:, i].transpose(0, 2, 1), within_m)
+    w_m = deflection.w_m[:, i][:, :, j]
+    coarse = replace(deflection, x_m=deflection.x_m[i], y_m=deflection.y_m[j], w_m=w_m)
+    places, normals = _vertices(coarse, drawn)
+    # Round numbers are packed smaller.
+    places[..., 2] = _rounded(places[..., 2], 0.5 * within_m)
+    normals = _rounded(normals, _NORMAL_STEP)
+    looks = rr.Mesh3D.from_fields(triangle_indices=_triangles(coarse))
+    stream.log("scene/plate", looks, static=True)
+    columns = rr.Mesh3D.columns(
+        vertex_positions=places.reshape(-1, 3),
+        vertex_normals=normals.reshape(-1, 3),
+        vertex_colors=_colours(coarse, drawn).ravel(),
+    )
+    frames = [len(i) * len(j)] * len(places)
+    stream.send_columns("scene/plate", [times(deflection.times_ns)], columns.partition(frames))
 
 
 def sphere_centres(deflection: Deflection, xi_s_m: np.ndarray, drawn: Scale) -> np.ndarray:
@@ -183,89 +191,13 @@ def sphere_centres(deflection: Deflection, xi_s_m: np.ndarray, drawn: Scale) -> 
     large as the deflection, would hide the sphere behind the plate.
     """
     i, j = deflection.contact_node
-    plate = _heights(deflection, drawn)[:, i, j]
     above = np.maximum(drawn.heights * (xi_s_m - deflection.w_m[:, i, j]), 0.0)
     if math.isfinite(drawn.sphere_highest_m):
         above = drawn.sphere_highest_m * np.tanh(above / drawn.sphere_highest_m)
     centres = np.empty((len(above), 3), np.float32)
     centres[:, :2] = deflection.contact_point_m
-    centres[:, 2] = plate + above + drawn.sphere_radius_m
+    centres[:, 2] = heights(deflection, drawn)[:, i, j] + above + drawn.sphere_radius_m
     return centres
-
-
-_STEEL, _TOUCHING = 0xC4CCD6FF, 0xFFB020FF
-_ACTUATOR = (74, 222, 128)
-_WORDS = (200, 206, 216)
-_BAR_PIECES = 40
-_ARROW_SHARE = 0.16  # length of the largest force, of the plate's shorter side
-
-
-def times(time_ns: np.ndarray) -> rr.TimeColumn:
-    """Simulated times, exact to the nanosecond."""
-    return rr.TimeColumn(TIMELINE, duration=time_ns.astype("timedelta64[ns]"))
-
-
-def send_plate(stream: rr.RecordingStream, deflection: Deflection, drawn: Scale) -> None:
-    """The deflecting plate with its rim at rest, and what its colours mean."""
-    (x0, y0), (x1, y1) = deflection.low_m, (deflection.x_m[-1], deflection.y_m[-1])
-    edge = [(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0), (x0, y0, 0)]
-    stream.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    stream.log("scene/edge", rr.LineStrips3D([edge], colors=(120, 130, 145)), static=True)
-    # What each frame repeats decides how large the file is: only as many nodes as the surface
-    # needs, round heights, and the light within the colours, since normals take more than both.
-    within_m = _EXACT_SHARE * min(deflection.size_m)
-    heights = _heights(deflection, drawn).astype(np.float32)
-    i = enough_lines(deflection.x_m, heights, within_m)
-    j = enough_lines(deflection.y_m, heights[:, i].transpose(0, 2, 1), within_m)
-    w = deflection.w_m[:, i][:, :, j]
-    coarse = replace(deflection, x_m=deflection.x_m[i], y_m=deflection.y_m[j], w_m=w)
-    places, shape = vertices(coarse, drawn), deflection.w_m.shape
-    step = 2.0 ** math.floor(math.log2(within_m / 2.0))
-    places[..., 2] = np.rint(places[..., 2] / step) * step
-    looks = rr.Mesh3D.from_fields(
-        triangle_indices=triangles(coarse), vertex_normals=np.zeros_like(places[0])
-    )
-    stream.log("scene/plate", looks, static=True)
-    columns = rr.Mesh3D.columns(
-        vertex_positions=places.reshape(-1, 3),
-        vertex_colors=colours(deflection, drawn).reshape(shape)[:, i][:, :, j].ravel(),
-    )
-    stream.send_columns(
-        "scene/plate",
-        [times(deflection.times_ns)],
-        columns.partition([len(i) * len(j)] * len(places)),
-    )
-    if not drawn.flat:
-        _send_colour_scale(stream, deflection, drawn)
-
-
-def _send_colour_scale(stream: rr.RecordingStream, deflection: Deflection, drawn: Scale) -> None:
-    """A bar beside the plate, from the deflection that is all blue to the one that is all red."""
-    y0, (x, y) = deflection.low_m[1], deflection.size_m
-    at = float(deflection.x_m[-1]) + 0.09 * min(x, y)
-    ends = y0 + np.linspace(0.1 * y, 0.9 * y, _BAR_PIECES + 1)
-    pieces = [[(at, a, 0.0), (at, b, 0.0)] for a, b in pairwise(ends)]
-    colours = colour_of(np.linspace(-1.0, 1.0, _BAR_PIECES))
-    bar = rr.LineStrips3D(pieces, colors=colours, radii=0.012 * min(x, y))
-    stream.log("scene/colours", bar, static=True)
-    value = with_unit(drawn.full_colour_m, "m")
-    words = [f"-{value} and below", "0 m", f"+{value} and above"]
-    # A word is centred at its place: the farther ones need more room beside the bar.
-    beside = ((0.1, 0.13), (0.5, 0.1), (0.9, 0.22))
-    places = [(at + off * min(x, y), y0 + share * y, 0.0) for share, off in beside]
-    stream.log(
-        "scene/colours/values",
-        rr.Points3D(places, labels=words, colors=_WORDS, radii=1e-4, show_labels=True),
-        static=True,
-    )
-
-
-def with_unit(value: float, unit: str) -> str:
-    """A length or force with a prefix: 2e-6, "m" is "2 µm"."""
-    for prefix, size in (("G", 1e9), ("M", 1e6), ("k", 1e3), ("", 1.0), ("m", 1e-3), ("µ", 1e-6)):
-        if abs(value) >= size:
-            return f"{value / size:.3g} {prefix}{unit}"
-    return f"{value / 1e-9:.3g} n{unit}" if value else f"0 {unit}"
 
 
 def send_sphere(
@@ -276,13 +208,14 @@ def send_sphere(
     drawn: Scale,
 ) -> None:
     """The sphere, in another colour while it touches, by its lowest point and the gap (frames,)."""
-    centres = sphere_centres(deflection, xi_s_m, drawn)
-    colours = np.where(xi_m < 0.0, _TOUCHING, _STEEL).astype(np.uint32)
     shape = rr.Ellipsoids3D.from_fields(
         half_sizes=[(drawn.sphere_radius_m,) * 3], fill_mode="solid"
     )
     stream.log("scene/sphere", shape, static=True)
-    columns = rr.Ellipsoids3D.columns(centers=centres, colors=colours)
+    columns = rr.Ellipsoids3D.columns(
+        centers=sphere_centres(deflection, xi_s_m, drawn),
+        colors=np.where(xi_m < 0.0, _TOUCHING, _STEEL).astype(np.uint32),
+    )
     stream.send_columns("scene/sphere", [times(deflection.times_ns)], columns)
 
 
@@ -296,31 +229,23 @@ def send_actuator(
 ) -> None:
     """A ring where the actuator pushes, and its force (frames,) as an arrow at the ring's side; an
     arrow of full length is `full_force_n`."""
-    side, y0 = min(deflection.size_m), deflection.low_m[1]
-    x, y = point_m
-    reach = 1.5 * drawn.sphere_radius_m
-    above = 0.012 * side
-    angles = np.linspace(0.0, 2.0 * np.pi, 49)
-    ring = np.stack(
-        [x + reach * np.cos(angles), y + reach * np.sin(angles), np.full(49, above)], axis=1
-    )
-    lines = rr.LineStrips3D([ring], colors=_ACTUATOR, radii=0.004 * side)
-    stream.log("scene/actuator", lines, static=True)
-    word = "actuator"
-    if full_force_n > 0.0:
-        word = f"actuator, full arrow {with_unit(full_force_n, 'N')}"
+    side, (x, y), y0 = min(deflection.size_m), point_m, deflection.low_m[1]
+    reach, above = 1.5 * drawn.sphere_radius_m, 0.012 * side
     # The name is before the plate, where it hides nothing.
     place = (x, y0 - 0.09 * side, 0.0)
+    angles = np.linspace(0.0, 2.0 * np.pi, 49)
+    ring = [(x + reach * np.cos(a), y + reach * np.sin(a), above) for a in angles]
+    leader = [(x, y - reach, above), (x, y0, above), place]
+    lines = rr.LineStrips3D([ring, leader], colors=_ACTUATOR, radii=[0.004 * side, 0.0015 * side])
+    stream.log("scene/actuator", lines, static=True)
+    word = f"actuator, full arrow {with_unit(full_force_n, 'N')}" if full_force_n else "actuator"
     name = rr.Points3D([place], labels=[word], colors=_ACTUATOR, radii=1e-4, show_labels=True)
     stream.log("scene/actuator/name", name, static=True)
-    leader = [(x, y - reach, above), (x, y0, above), place]
-    lines = rr.LineStrips3D([leader], colors=_ACTUATOR, radii=0.0015 * side)
-    stream.log("scene/actuator/leader", lines, static=True)
-    if not full_force_n > 0.0:
+    if not full_force_n:
         return
-    force = np.nan_to_num(force_n / full_force_n)
-    vectors = np.zeros((len(force), 3), np.float32)
-    vectors[:, 2] = np.clip(force, -1.0, 1.0) * _ARROW_SHARE * side
+    vectors = np.zeros((len(force_n), 3), np.float32)
+    share = np.clip(np.nan_to_num(force_n / full_force_n), -1.0, 1.0)
+    vectors[:, 2] = _ARROW_SHARE * side * share
     looks = rr.Arrows3D.from_fields(
         origins=[(x - reach, y, above)], colors=[_ACTUATOR], radii=[0.008 * side]
     )

@@ -8,10 +8,8 @@ import rerun as rr
 
 BANDS_PER_OCTAVE = 12
 _FADES = 0.25  # share of a run over which its end fades out
-_FLOOR_DB = 100.0  # shown below the largest
-_WIDTH, _HEIGHT = 100.0, 28.0
-_GRID, _TEXT = (52, 58, 70), (170, 178, 190)
-_DECADE_NAMES = {10: "10 Hz", 100: "100 Hz", 1000: "1 kHz", 10_000: "10 kHz", 100_000: "100 kHz"}
+_NARROW = 0.4  # share of a band that a bar in front of another fills
+_REFERENCE_DB = 180.0  # of 1 m/s over 1 nm/s, the reference of ISO 1683
 
 
 @dataclass(frozen=True)
@@ -55,47 +53,17 @@ def _good_length(count: int) -> int:
 def send(
     stream: rr.RecordingStream, spectra: list[Spectrum], colours: list[tuple[int, int, int]]
 ) -> None:
-    """Lines over a logarithmic axis of frequency, with grid, numbers and a legend."""
-    top = 10.0 * math.ceil(max(s.level_db.max() for s in spectra) / 10.0)
-    low = max(top - _FLOOR_DB, 10.0 * math.floor(min(s.level_db.min() for s in spectra) / 10.0))
-    first = min(s.frequency_hz[0] for s in spectra)
-    last = max(s.frequency_hz[-1] for s in spectra)
-
-    def x(frequency: np.ndarray | float) -> np.ndarray:
-        return np.asarray(_WIDTH * np.log(frequency / first) / math.log(last / first))
-
-    def y(level: np.ndarray | float) -> np.ndarray:
-        return np.asarray(_HEIGHT * (top - np.maximum(level, low)) / (top - low))
-
-    lines, places, labels = [], [], []
-    for frequency, name in _DECADE_NAMES.items():
-        if first <= frequency <= last:
-            at = float(x(frequency))
-            lines.append([(at, 0.0), (at, _HEIGHT)])
-            places.append((at, _HEIGHT + 2.8))
-            labels.append(name)
-    for level in np.arange(low, top + 1.0, 20.0):
-        at = float(y(level))
-        lines.append([(0.0, at), (_WIDTH, at)])
-        places.append((-6.0, at))
-        labels.append(f"{level:g} dB")
-    stream.log("spectrum/grid", rr.LineStrips2D(lines, colors=_GRID, radii=0.08), static=True)
-    _send_words(stream, "spectrum/axes", places, labels, [_TEXT] * len(labels))
+    """Bars over the logarithm of the frequency; those of the first spectrum are narrower than those
+    behind them."""
+    width = math.log10(2.0) / BANDS_PER_OCTAVE
     for i, (found, colour) in enumerate(zip(spectra, colours, strict=True)):
-        line = np.stack([x(found.frequency_hz), y(found.level_db)], axis=1)
-        # The first one, of the run itself, lies over the others.
-        strips = rr.LineStrips2D([line], colors=colour, radii=0.18, draw_order=30.0 - i)
-        stream.log(f"spectrum/line_{i}", strips, static=True)
-    where = [(_WIDTH + 9.0, 4.0 + 5.5 * i) for i in range(len(spectra))]
-    _send_words(stream, "spectrum/legend", where, [s.label for s in spectra], colours)
-
-
-def _send_words(
-    stream: rr.RecordingStream,
-    path: str,
-    places: list[tuple[float, float]],
-    labels: list[str],
-    colours: list[tuple[int, int, int]],
-) -> None:
-    points = rr.Points2D(places, labels=labels, colors=colours, radii=0.02, show_labels=True)
-    stream.log(path, points, static=True)
+        share = 1.0 if i else _NARROW
+        bars = rr.BarChart(
+            np.maximum(found.level_db + _REFERENCE_DB, 0.0),
+            abscissa=np.log10(found.frequency_hz),
+            widths=np.full(len(found.level_db), share * width),
+            color=colour,
+        )
+        # By names that come first, since the viewer draws later ones over them.
+        name = found.label.replace(" ", "_")
+        stream.log(f"spectrum/{f'0_{name}' if i else name}", bars, static=True)

@@ -176,7 +176,7 @@ coded = load("aluminium-3mm", [*settings, "sensors.bits=12"])
 record_in_process(coded, Path("a.mcap"), compiled=False)
 recording = read(Path("a.mcap"))
 assert recording.problems == []
-assert abs(recording.daq_values - recording.truth.arrays["xi_p_m"]).max() < 1e-7
+assert abs(recording.daq.values - recording.truth.arrays["xi_p_m"]).max() < 1e-7
 assert export_labels("xi_p")["daq_value"] == ("m", "sampled place of the plate")
 gap = next(plot for plot in plots(recording, []) if plot.key == "gap")
 assert [curve.name for curve in gap.curves][-1] == "measured"

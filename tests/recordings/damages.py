@@ -1,9 +1,8 @@
 """Damages of a recording by the thousand: `python -m tests.recordings.damages --tries 2000`.
 
 Of every damaged copy: no traceback, no hang, little memory, never "complete", never "the same" for
-other samples, every chunk recovered of which no byte is damaged, wherever it is. A copy in which
-neither scene nor hello is left is no recording; its chunks are counted apart. A seed is drawn, and
-printed, if none is given.
+other samples, every chunk read that ends before the first damaged byte. A copy whose scene is
+damaged is no recording. A seed is drawn, and printed, if none is given.
 """
 
 import argparse
@@ -23,14 +22,15 @@ from types import FrameType
 import numpy as np
 import pytest
 from mcap.opcode import Opcode
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
 from rich.console import Console
 
 import hertzloop.recordings.writer
 from hertzloop.recordings.compare import first_difference
-from hertzloop.recordings.mcap_records import inner_records, message_of, unpack_chunk
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import SAMPLED, Recording
-from hertzloop.recordings.recovery import recover
+from hertzloop.recordings.repair import repair
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.inspection import inspected
 from hertzloop.views.inspection import print_inspection
@@ -124,25 +124,15 @@ class Tally:
     tries: Counter[str] = field(default_factory=Counter)
     unreadable: Counter[str] = field(default_factory=Counter)
     whole_chunks: Counter[str] = field(default_factory=Counter)
-    recovered_chunks: Counter[str] = field(default_factory=Counter)
-    sceneless_chunks: Counter[str] = field(default_factory=Counter)
+    read_chunks: Counter[str] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
-    lost: list[str] = field(default_factory=list)  # copies of which a chunk is not recovered
 
     def table(self) -> str:
         """A line a kind of damage."""
-        head = (
-            "damage",
-            "copies",
-            "no recording",
-            "chunks in those",
-            "undamaged chunks",
-            "recovered",
-        )
+        head = ("damage", "copies", "no recording", "chunks before the damage", "read")
         rows = [
             (kind, *(c[kind] for c in (
-                self.tries, self.unreadable, self.sceneless_chunks, self.whole_chunks,
-                self.recovered_chunks,
+                self.tries, self.unreadable, self.whole_chunks, self.read_chunks,
             )))
             for kind in self.tries
         ]  # fmt: skip
@@ -165,27 +155,26 @@ def records(content: bytes) -> Iterator[tuple[int, int, int]]:
         yield kind, at, end
 
 
-def chunks(content: bytes) -> list[tuple[bytes, list[bytes]]]:
-    """The bytes of every chunk of a whole file, in order, and the payloads in it."""
-    found = []
-    for kind, at, end in records(content):
-        if kind == Opcode.CHUNK:
-            inside = inner_records(unpack_chunk(content[at + 9 : end]))
-            payloads = [message_of(one).data for kind, one in inside if kind == Opcode.MESSAGE]
-            found.append((content[at:end], payloads))
-    return found
+def chunks(content: bytes) -> list[tuple[int, list[bytes]]]:
+    """Where every chunk of a whole file ends, in order, and the payloads in it."""
+    ends = [end for kind, _, end in records(content) if kind == Opcode.CHUNK]
+    read = StreamReader(io.BytesIO(content), emit_chunks=True).records
+    inside = [breakup_chunk(record) for record in read if isinstance(record, Chunk)]
+    payloads = [[m.data for m in one if isinstance(m, Message)] for one in inside]
+    return list(zip(ends, payloads, strict=True))
 
 
-def undamaged(damaged: bytes, of: list[tuple[bytes, list[bytes]]]) -> list[list[bytes]]:
-    """Payloads of the chunks that stand in a damaged file byte for byte, wherever."""
-    return [payloads for chunk, payloads in of if chunk in damaged]
+def first_damage(damaged: bytes, content: bytes) -> int:
+    """First byte at which a damaged file is not the whole one."""
+    shorter = min(len(damaged), len(content))
+    a, b = (np.frombuffer(one[:shorter], np.uint8) for one in (damaged, content))
+    differing = np.flatnonzero(a != b)
+    return int(differing[0]) if len(differing) else shorter
 
 
-def scene_records(content: bytes) -> list[bytes]:
-    """The bytes of what says the scene in a whole file: an attachment, and the first chunk."""
-    attached = [content[a:b] for kind, a, b in records(content) if kind == Opcode.ATTACHMENT]
-    [scene] = (one for one in attached if b"\x0a\x00\x00\x00scene.toml" in one)
-    return [scene, chunks(content)[0][0]]
+def scene_end(content: bytes) -> int:
+    """Where the scene ends in a whole file."""
+    return next(end for kind, _, end in records(content) if kind == Opcode.ATTACHMENT)
 
 
 def _too_long(number: int, frame: FrameType | None) -> None:
@@ -205,7 +194,7 @@ def looked_at(path: Path, original: Recording, shown: bool) -> Recording | None:
     """What is done with a recording, through to what a person sees if it is `shown`; None
     if a sentence says that it is none. Raises AssertionError."""
     try:
-        kept = read(path, keep=not shown)
+        kept = read(path)
     except RecordingError as error:
         sentence = str(error)
         if str(path) not in sentence or "\n" in sentence:
@@ -224,41 +213,36 @@ def looked_at(path: Path, original: Recording, shown: bool) -> Recording | None:
     return kept
 
 
-def recovered(path: Path, out: Path, kept: Recording) -> bool:
-    """Whether something can be recovered; that keeps all that is read. Raises AssertionError."""
+def repaired(path: Path, out: Path, kept: Recording) -> bool:
+    """Whether something can be repaired; that keeps all that is read. Raises AssertionError."""
     try:
-        recover(path, out, overwrite=True)
+        repair(path, out, overwrite=True)
     except RecordingError as error:
-        if "nothing to recover" not in str(error):
-            raise AssertionError(f"not recovered: {error}") from error
+        if "nothing to repair" not in str(error):
+            raise AssertionError(f"not repaired: {error}") from error
         return False
-    after = read(out, keep=True)
+    after = read(out)
     assert samples(after) == samples(kept)
     assert (after.events, after.ends) == (kept.events, kept.ends)
-    assert after.problems or not kept.problems, "complete once recovered"
+    assert after.problems or not kept.problems, "complete once repaired"
     return True
 
 
-def try_one(
-    path: Path, out: Path, original: Recording, whole: list[list[bytes]], shown: bool
-) -> int | None:
-    """Read and recover a damaged copy of `original` at `path`; how many of its `whole` chunks were
-    recovered, None if a sentence says that it is no recording. Raises AssertionError."""
+def try_one(path: Path, out: Path, original: Recording, shown: bool) -> list[bytes] | None:
+    """Read and repair a damaged copy of `original` at `path`; the payloads that were read, None if
+    a sentence says that it is no recording. Raises AssertionError."""
     kept = looked_at(path, original, shown)
     if kept is None:
         return None
     assert kept.problems, "said to be complete"
     assert kept.scene_toml == original.scene_toml
     for name in SAMPLED:
-        stream, full = getattr(kept, name), getattr(original, name)
-        steps = stream.step_at(np.arange(stream.samples))
-        assert np.array_equal(steps * 1000, stream.time_ns)
-        for label, values in stream.arrays.items():
-            assert values.tobytes() == full.arrays[label][steps].tobytes(), f"other {label}"
-    if not recovered(path, out, kept):
-        return None
-    have = {one for _, inside in chunks(out.read_bytes()) for one in inside}
-    return sum(have.issuperset(payloads) for payloads in whole)
+        full = getattr(original, name)
+        for label, values in getattr(kept, name).arrays.items():
+            assert values.tobytes() == full.arrays[label][: len(values)].tobytes(), label
+    if not repaired(path, out, kept):
+        return []
+    return [one for _, inside in chunks(out.read_bytes()) for one in inside]
 
 
 Copies = Iterator[tuple[str, bytes]]  # a kind of damage, and a file
@@ -274,20 +258,21 @@ def drawn(content: bytes, tries: int, seed: int) -> Copies:
 
 def try_many(source: Path, folder: Path, copies: Copies) -> Tally:
     """Try damaged copies of a recording."""
-    content, original, tally = source.read_bytes(), read(source, keep=True), Tally()
-    parts, scenes = chunks(content), scene_records(content)
-    path, out = folder / "damaged.mcap", folder / "recovered.mcap"
+    content, original, tally = source.read_bytes(), read(source), Tally()
+    parts, with_scene = chunks(content), scene_end(content)
+    path, out = folder / "damaged.mcap", folder / "repaired.mcap"
     before = signal.signal(signal.SIGALRM, _too_long)
     try:
         for number, (kind, damaged) in enumerate(copies):
             if damaged == content:
                 continue
             path.write_bytes(damaged)
-            whole = undamaged(damaged, parts)
+            end = first_damage(damaged, content)
+            whole = [payloads for at, payloads in parts if at <= end]
             tally.tries[kind] += 1
             signal.alarm(LONGEST_S)
             try:
-                found = try_one(path, out, original, whole, number % SHOWN == 0)
+                found = try_one(path, out, original, number % SHOWN == 0)
             except Exception as error:
                 tally.wrong.append(f"{kind}, try {number}: {type(error).__name__}: {error}")
                 continue
@@ -295,15 +280,14 @@ def try_many(source: Path, folder: Path, copies: Copies) -> Tally:
                 signal.alarm(0)
             if found is None:
                 tally.unreadable[kind] += 1
-                tally.sceneless_chunks[kind] += len(whole)
-                if whole and any(record in damaged for record in scenes):
+                if end >= with_scene:
                     tally.wrong.append(f"{kind}, try {number}: no recording, with a scene")
                 continue
+            have = set(found)
             tally.whole_chunks[kind] += len(whole)
-            tally.recovered_chunks[kind] += found
-            if found < len(whole):
-                lost = len(whole) - found
-                tally.lost.append(f"{kind}, try {number}: {lost} undamaged chunks not recovered")
+            tally.read_chunks[kind] += (read_ := sum(have.issuperset(one) for one in whole))
+            if read_ < len(whole):
+                tally.wrong.append(f"{kind}, try {number}: {len(whole) - read_} chunks not read")
     finally:
         signal.signal(signal.SIGALRM, before)
     return tally
@@ -325,14 +309,15 @@ def main() -> int:
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
     if most > MOST_BYTES:
         tally.wrong.append(f"it took {most / 2**30:.2f} GiB of memory")
-    broken = [*tally.wrong, *tally.lost]
-    print(*broken, sep="\n")
-    found = f"{tally.table()}\n\n{sum(tally.tries.values())} copies, {len(broken)} broke a rule"
+    print(*tally.wrong, sep="\n")
+    found = (
+        f"{tally.table()}\n\n{sum(tally.tries.values())} copies, {len(tally.wrong)} broke a rule"
+    )
     print(found)
     if chosen.page:
         command = f"python -m tests.recordings.damages --tries {chosen.tries} --seed {chosen.seed}"
         page.put("recordings", command, found)
-    return bool(broken)
+    return bool(tally.wrong)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from hertzloop.recordings import writer
 from hertzloop.recordings.file_format import FORMAT_KEY, FORMAT_VERSION
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import SAMPLED, Recording
-from hertzloop.recordings.recovery import recover
+from hertzloop.recordings.repair import repair
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import parse
@@ -133,7 +133,7 @@ def test_our_reader_agrees(whole, decoded):
     names = "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "f_c1_n"
     assert set(kept.truth.arrays) == set(names)
     assert kept.daq.time_ns.tolist() == list(range(0, STEPS * STEP_NS, 2 * STEP_NS))
-    assert np.array_equal(kept.daq_values, kept.truth.arrays["xi_m"][::2])
+    assert np.array_equal(kept.daq.values, kept.truth.arrays["xi_m"][::2])
     assert kept.balance.contact_steps > 0
     # MCAP's reader goes by time, ours by the file: as they were heard.
     events = {(i[2].log_time, i[3].name, i[3].message) for i in decoded["/events"]}
@@ -158,10 +158,10 @@ def test_a_missing_message_is_named(whole, tmp_path, stream, place):
     kept = read(
         rewrite(whole, tmp_path / "b.mcap", lambda m: (m.stream, m.number) != (stream, lost))
     )
-    begin, count = f"stream '{stream}'", len(all_of) - 1
-    if stream in SAMPLED:
+    begin = f"stream '{stream}'"
+    if stream in SAMPLED:  # what follows is not read
         samples = getattr(kept, stream).samples
-        begin += f": {count} messages with {samples} samples are here, {count + 1} with"
+        begin += f": {lost} messages with {samples} samples are here, {len(all_of)} with"
     assert any(problem.startswith(begin) for problem in kept.problems)
     after = f"sequence {lost + 1} at step"
     assert any(after in problem for problem in kept.problems) == (place == 1)
@@ -171,7 +171,7 @@ def test_codes_become_values(tmp_path):
     kept = read(record(tmp_path / "run.mcap", "sensors.bits=16"))
     step = kept.daq.scale
     inside = kept.daq.arrays["saturated"] == 0
-    error = (kept.daq_values - kept.truth.arrays["xi_m"])[inside]
+    error = (kept.daq.values - kept.truth.arrays["xi_m"])[inside]
     # Half a step of the converter, and the rounding of numbers of up to 2^16 steps.
     assert np.max(np.abs(error)) <= step * (0.5 + 2.0**-34)
     assert np.count_nonzero(inside) > 30  # the contact takes so long; most of the fall is out
@@ -247,11 +247,11 @@ def test_a_recording_without_a_controller_says_so(tmp_path):
     kept: Recording = read(path)
     assert channels(path) == set()
     assert kept.daq.samples == kept.force.samples == kept.truth.samples == 0
-    assert len(kept.daq_values) == 0
+    assert len(kept.daq.values) == 0
     assert kept.problems == [
         "the plant announced no end: counts cannot be reconciled",
         "the controller announced no end: counts cannot be reconciled",
-        "stream 'truth' ends at step 0 of 10",
+        "readable to step 0 of 10 announced",
     ]
 
 
@@ -274,9 +274,9 @@ def test_another_format_version_is_refused(tmp_path, monkeypatch, name, value, f
     with pytest.raises(RecordingError) as not_read:
         read(path)
     assert str(not_read.value) == sentence
-    with pytest.raises(RecordingError) as not_recovered:
-        recover(path, tmp_path / "b.mcap")
-    assert str(not_recovered.value) == f"nothing to recover: {sentence}"
+    with pytest.raises(RecordingError) as not_repaired:
+        repair(path, tmp_path / "b.mcap")
+    assert str(not_repaired.value) == f"nothing to repair: {sentence}"
     for words in (["inspect"], ["replay", "--save", str(tmp_path / "a.rrd")]):
         refused(found, *words, path)
 

@@ -84,7 +84,7 @@ def _read_recording(path: Path) -> FileContents:
 
     found = read(path)
     setup = parse(found.scene_toml, recorded=True)
-    daq = found.daq.from_start()
+    daq = found.daq
     if found.problems and not daq.samples:
         raise RecordError(
             f"{path}: the recording is damaged: its first samples are missing. Give a complete "
@@ -92,12 +92,12 @@ def _read_recording(path: Path) -> FileContents:
         )
     step_s = setup.sensor.every_steps * setup.run.step_s
     notes = []
-    if daq.samples < found.daq.samples:
+    if found.problems:
         notes.append(
-            f"samples are missing at {1e3 * daq.samples * step_s:.6g} ms; later ones are not used."
+            f"the samples end at {1e3 * daq.samples * step_s:.6g} ms: {found.problems[0]}."
         )
     force = found.force
-    pushed = force.first_step or force.resumed or np.any(force.arrays.get("force_n", 0.0))
+    pushed = np.any(force.arrays.get("force_n", 0.0))
     facts: dict[str, Any] = {
         "quantity": setup.scene.sensors.quantity,
         "unit": QUANTITIES[setup.scene.sensors.quantity].unit,
@@ -112,4 +112,4 @@ def _read_recording(path: Path) -> FileContents:
             names -= {"resonance_damping"}
         of_sensor = {name: getattr(setup.sensor, name) for name in names}
         facts |= {key: value for key, value in of_sensor.items() if value is not None}
-    return FileContents({"value": np.asarray(daq.values_of(daq.arrays), float)}, facts, notes)
+    return FileContents({"value": np.asarray(daq.values, float)}, facts, notes)

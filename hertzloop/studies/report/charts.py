@@ -17,11 +17,12 @@ _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3
 def charts_of(shown: ReplayData) -> list[ResultChart]:
     """Return those charts that a run has."""
     truth = shown.recording.truth
-    first, last = (int(truth.step_at(at)) * truth.step_ns for at in (0, truth.samples - 1))
     found = []
     if shown.contacts:
         found.append(ResultChart("First contact", _sheet(shown.plots, shown.when.around_ns)))
-    found.append(ResultChart("Whole run", _sheet(shown.plots, (first, last))))
+    found.append(
+        ResultChart("Whole run", _sheet(shown.plots, (0, (truth.samples - 1) * truth.step_ns)))
+    )
     if shown.labels.spectra:
         found.append(ResultChart("Plate velocity at the contact, whole run", _spectra(shown)))
     return found

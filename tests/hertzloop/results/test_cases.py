@@ -9,24 +9,12 @@ from hertzloop.loop.simulate import SimulatedRun, simulate
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.results import spans
 from hertzloop.results.cases import digest_of, metrics_of_case
-from hertzloop.results.statistics import ForceTimingAccumulator
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from tests.commands import as_options, succeed
 from tests.hertzloop.scenes import aluminium_3mm, json_in
 
 SHORT = ["run.accuracy=0.05", "run.duration_s=0.0018", "run.plate_model=modal"]
-
-
-def test_the_share_of_the_push_has_the_same_bits_however_the_rows_are_cut():
-    scene = aluminium_3mm(*SHORT, "controller.law=velocity_feedback")
-    rows, found = simulate(scene).truth, set()
-    for size in (1800, 1000, 512, 333, 100, 7):
-        accumulator = ForceTimingAccumulator(scene)
-        for first in range(0, rows.shape[1], size):
-            accumulator.feed(first, rows[:, first : first + size])
-        found.add(accumulator.result())
-    assert len(found) == 1
 
 
 @pytest.mark.parametrize(

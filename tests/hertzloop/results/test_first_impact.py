@@ -15,7 +15,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.time_series import F_A
 from hertzloop.recordings.reader import read
 from hertzloop.results.cases import CaseMetrics, metrics_of_case
-from hertzloop.results.impacts import impacts_of_truth
+from hertzloop.results.impacts import impacts_of
 from hertzloop.results.span_metrics import SpanMetrics, changes_db
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import to_toml
@@ -185,10 +185,10 @@ def test_laws_push_when_they_are_meant_to(reports_of):
     """Otherwise the agreement would say little."""
     for law, least, most in (("off", 0, 0), ("late.py", 20, 60), ("again.py", 200, 260)):
         scene = reports_of(law).scene
-        first = impacts_of_truth(scene, simulate(scene).truth)[0]
+        first = impacts_of(scene, simulate(scene).truth)[0]
         assert least <= first.over - first.end <= most
     scene = reports_of("long.py").scene
-    first, *others = impacts_of_truth(scene, simulate(scene).truth)
+    first, *others = impacts_of(scene, simulate(scene).truth)
     assert first.over == (others[0].start if others else scene.run.steps)
 
 
@@ -218,7 +218,7 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path):
         check(it)
         assert it.case.contacts == 1
         truth = simulate(it.scene).truth
-        first, second = impacts_of_truth(it.scene, truth)[:2]
+        first, second = impacts_of(it.scene, truth)[:2]
         assert bool(np.any(truth[F_A, first.over : second.start])) == (law == [ahead])
     assert it.case.steps < 5000
     page = page_of(read(tmp_path / "run.mcap")).html()

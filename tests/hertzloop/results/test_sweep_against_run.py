@@ -10,7 +10,7 @@ import pytest
 
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.loop.simulate import simulate
-from hertzloop.results.impacts import first_impact, impacts_of_blocks
+from hertzloop.results.impacts import first_impact, impacts_of
 from hertzloop.results.span_metrics import of_impact
 from hertzloop.results.spans import follow
 from hertzloop.scene.setup import load
@@ -76,7 +76,7 @@ def check(scene: str) -> None:
     found = first_impact(setup, case.truth)
     # As a report of the run has it, and as it is found in all steps.
     for expected in (
-        next(impacts_of_blocks(setup, [(0, run.truth)])),
+        impacts_of(setup, run.truth)[0],
         first_impact(setup, run.truth),
     ):
         assert (found.start, found.end, found.over) == (expected.start, expected.end, expected.over)

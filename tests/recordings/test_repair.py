@@ -10,7 +10,7 @@ import hertzloop.recordings.writer
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.recovery import recover
+from hertzloop.recordings.repair import repair
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.setup import load
 
@@ -30,7 +30,7 @@ def test_cut_off(whole, tmp_path):
     content = whole.read_bytes()
     cut, mended = tmp_path / "cut.mcap", tmp_path / "mended.mcap"
     cut.write_bytes(content[: int(0.8 * len(content))])
-    copied = recover(cut, mended).messages
+    copied = repair(cut, mended).messages
     with mended.open("rb") as file:
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == copied
     before, after = read(cut), read(mended)
@@ -38,12 +38,12 @@ def test_cut_off(whole, tmp_path):
     assert 0 < after.truth.samples < 120_000
     xi = read(whole).truth.arrays["xi_m"]
     assert np.array_equal(after.truth.arrays["xi_m"], xi[: after.truth.samples])
-    assert any("recovered from cut.mcap" in problem for problem in after.problems)
+    assert any("repaired from cut.mcap" in problem for problem in after.problems)
     assert after.law_source == read(whole).law_source
 
 
 def test_whole_file_stays_whole(whole, tmp_path):
-    recover(whole, tmp_path / "same.mcap")
+    repair(whole, tmp_path / "same.mcap")
     same = read(tmp_path / "same.mcap")
     assert not same.problems
     assert first_difference(read(whole), same) is None
@@ -51,11 +51,11 @@ def test_whole_file_stays_whole(whole, tmp_path):
     assert same.result == read(whole).result
 
 
-def test_nothing_to_recover(whole, tmp_path):
+def test_nothing_to_repair(whole, tmp_path):
     (tmp_path / "none.mcap").write_bytes(whole.read_bytes()[:100])
-    with pytest.raises(RecordingError, match="nothing to recover"):
-        recover(tmp_path / "none.mcap", tmp_path / "out.mcap")
+    with pytest.raises(RecordingError, match="nothing to repair"):
+        repair(tmp_path / "none.mcap", tmp_path / "out.mcap")
     assert not (tmp_path / "out.mcap").exists()
     (tmp_path / "out.mcap").write_text("mine")
     with pytest.raises(RecordingError, match="exists"):
-        recover(whole, tmp_path / "out.mcap")
+        repair(whole, tmp_path / "out.mcap")
