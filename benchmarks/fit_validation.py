@@ -9,40 +9,12 @@ import scipy
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
 from benchmarks.scenes import load
+from benchmarks.zener import solved
 from hertzloop.cli.options import JsonOption
 from hertzloop.plant import time_series as ts
 from hertzloop.scene.build import build_plant
 
 _LAMBDAS = (0.05, 0.1, 0.25, 0.5, 1.0, 1.5)
-
-
-def zener(inelasticity: float) -> float:
-    """Return the coefficient of restitution on an infinite plate (Zener 1941, Phys. Rev. 59, 669).
-
-    s'' + s^1.5 + lambda (s^1.5)' = 0, s(0) = 0, s'(0) = 1, until s is zero again; the sphere leaves
-    with the integral of s^1.5 less one.
-    """
-
-    def right(_: float, y: np.ndarray) -> list[float]:
-        deep, rate, _impulse = y
-        root = math.sqrt(max(deep, 0.0))
-        return [rate, -root * deep - inelasticity * 1.5 * root * rate, root * max(deep, 0.0)]
-
-    def out(_: float, y: np.ndarray) -> float:
-        return float(y[0]) if y[1] < 0.0 else 1.0
-
-    out.terminal = True  # type: ignore[attr-defined]
-    solved = scipy.integrate.solve_ivp(
-        right,
-        (0.0, 500.0),
-        [0.0, 1.0, 0.0],
-        "DOP853",
-        rtol=1e-12,
-        atol=1e-14,
-        events=out,
-        max_step=0.05,
-    )
-    return float(solved.y[2, -1]) - 1.0
 
 
 def restitution_on_infinite_plate(inelasticity: float) -> float:
@@ -87,7 +59,7 @@ def main(
     """
     with results_in(folder, "fit_validation", "modal", json_file=json_file) as results:
         found = [
-            Compared(x, zener(x), restitution_on_infinite_plate(x))
+            Compared(x, solved(x)[2], restitution_on_infinite_plate(x))
             for x in tracked("Zener", _LAMBDAS[2:4] if quick else _LAMBDAS)
         ]
         results.write("fit_validation", found)

@@ -15,12 +15,12 @@ from matplotlib.ticker import FixedLocator
 from benchmarks.program import OutDirOption, QuickOption, start
 from benchmarks.results import Results, results_in
 from benchmarks.scenes import load
+from benchmarks.zener import zener_impact
 from hertzloop.cli.options import SceneArgument, SetOption
 from hertzloop.cli.prepare import scene_from
 from hertzloop.plant.contact.hertz import Contact, Limit, Sphere, hertz_stiffness
 from hertzloop.plant.contact.yielding import YieldPressure, dent_m, force_n, yielding
 from hertzloop.plant.estimates import criteria
-from hertzloop.plant.estimates.plate_theory import kirchhoff_error, zener_impact
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
@@ -49,7 +49,7 @@ class MapPlace:
 def plate_theory(b: MapPlace) -> float:
     """What Kirchhoff's theory costs: of the peak force, and of the plate energy where the plate
     does not take all of it."""
-    error = kirchhoff_error(b.plate, b.contact.stiffness, b.contact_s, b.peak_n)
+    error = criteria.thin_plate_error(b.plate, b.contact.stiffness, b.contact_s, b.peak_n)
     return max(error.peak_force, error.plate_energy if b.inelasticity < _TAKES_ALL else 0.0)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from copy import copy
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
@@ -237,6 +238,22 @@ def _spring_m_n(spec: PlantSpec, omega_max: float, point_m: tuple[float, float])
     return spec.plate.residual_flexibility_m_n(omega_max, point_m)
 
 
+# What any scheme has: keys of a scene, and values of contact.damping.
+_OF_ALL_SCHEMES = (
+    "plate.edges",
+    "plate.modes",
+    "plate.actuator_point_m",
+    "run.touch_phase",
+    "steps",
+)
+_DAMPINGS = ("none", "viscous", "hunt_crossley")
+
+
+def quoted(names: Iterable[str]) -> str:
+    """Names in quotes, for a message."""
+    return ", ".join(f"'{name}'" for name in names)
+
+
 class Plant(ABC):
     """A description as a run needs it: modes, model, state, and a balance at the end.
 
@@ -249,6 +266,19 @@ class Plant(ABC):
 
     kernels: Any
     touch_phase = 0.5  # of a step, from the last sample above the plate to the first touch
+
+    @classmethod
+    def refusal(cls, what: str, value: object = None) -> str:
+        """Why the scheme cannot have a scene's key at a value, or serve a command: what follows
+        "which" in a sentence; "" if it can.
+
+        A scheme has, unless it says otherwise, what any set of modes gives it: every structure, an
+        actuator elsewhere and a touch between samples, and a damper in the contact. `what` is
+        also "steps", of a run, and the names of commands.
+        """
+        if what == "contact.damping":
+            return "" if value in _DAMPINGS else f"supports {quoted(_DAMPINGS)} only"
+        return "" if what in _OF_ALL_SCHEMES else "does not have it"
 
     def __init__(self, spec: PlantSpec) -> None:
         self.spec = spec

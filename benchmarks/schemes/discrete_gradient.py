@@ -2,7 +2,7 @@
 
 A scheme that hertzloop does not know, to compare its default scheme with, and an example of a
 scheme of one's own: kernels with a model and a state, a subclass of `Plant` that makes both, and a
-row for the table of schemes that says what it supports.
+row for the table of schemes.
 """
 
 from collections.abc import Iterator

@@ -17,7 +17,7 @@ from hertzloop.interop.kernels import ENERGIES, Unit
 from hertzloop.interop.objects import needed
 from hertzloop.loop.kernels import SAMPLES_END
 from hertzloop.loop.plant_streams import empty_window
-from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.schemes.registry import SCHEMES, schemes_where
 from hertzloop.plant.state_kernels import STEP, V_P, XI, XI_P, XI_S
 from hertzloop.plant.time_series import F_A, F_C
 from hertzloop.scene.build import build_plant, build_sensor
@@ -56,10 +56,10 @@ class Image:
 
 def image(setup: Setup) -> Image:
     """The image of a scene's plant and sensor. Raises SceneError for a scheme that cannot go."""
-    if not SCHEMES[setup.run.scheme].supports_export:
+    if not SCHEMES[setup.run.scheme].accepts("export-plant"):
         raise SceneError(
             f"run.scheme = {setup.run.scheme!r} cannot be exported. "
-            f"Use {supporting('supports_export')}."
+            f"Use {schemes_where(lambda row: row.accepts('export-plant'))}."
         )
     plant, sensor = build_plant(setup), build_sensor(setup)
     unit = Unit(

@@ -1,6 +1,6 @@
 """The effects that a model may neglect, one row each: value, formula, threshold and words.
 
-Sources are with the formulas, in hertzloop.plant.estimates: `criteria` and `plate_theory`.
+Sources are with the formulas, in hertzloop.plant.estimates.criteria.
 """
 
 import math
@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.estimates import criteria
+from hertzloop.plant.estimates.criteria import thickness_number
 from hertzloop.plant.estimates.model_order import (
     beyond_m_n,
     energy_beyond,
@@ -16,7 +17,6 @@ from hertzloop.plant.estimates.model_order import (
     is_rigid,
     least_limit_hz,
 )
-from hertzloop.plant.estimates.plate_theory import thickness_number
 from hertzloop.results.rounding import percent, pressure
 from hertzloop.results.run_context import RunContext
 
@@ -88,11 +88,11 @@ def _reflections(f: RunContext) -> str:
 
 
 def _modes_end(f: RunContext) -> float | None:
-    """Expected error of modes of a file that end below the impact, or beyond which there is
+    """Expected error of modes that are known to below the impact only, or beyond which there is
     nothing."""
     spec = f.spec
     parts = (spec.sphere, spec.plate, spec.contact)
-    if spec.plate.mode_table is None or is_rigid(spec.plate):
+    if spec.plate.highest_hz == math.inf or is_rigid(spec.plate):
         return None
     if spec.frequency_limit_hz <= least_limit_hz(*parts, spec.frequency_limit_hz):
         return expected_error(
@@ -122,7 +122,12 @@ def _modes_end_words(f: RunContext, x: float) -> str:
     rest = f"a spring of {f.beyond_m_n:.3g} m/N" if f.beyond_m_n else "nothing"
     return (
         f"{ends}{rest} stands for the rest, so impacts may be off by {percent(x)}; trust vibration "
-        "below the last mode only. Give plate.thickness_m if it is a plate (are the modes in Hz?)"
+        "below the last mode only."
+        + (
+            " Give plate.thickness_m if it is a plate (are the modes in Hz?)"
+            if spec.plate.mode_table is not None
+            else ""
+        )
     )
 
 
@@ -191,19 +196,19 @@ ROWS = (
     ),
     EffectRow(
         "plate theory (energy)", "0.085 (k h)^2 at 1/T, where lambda < 1", None, 0.1,
-        lambda f: f.kirchhoff.plate_energy if f.static.zener < _TAKES_ALL else None,
+        lambda f: f.thin_plate.plate_energy if f.static.zener < _TAKES_ALL else None,
         lambda f, x: (
             "the waves are short against the plate thickness, k h = "
             f"{thickness_number(f.spec.local_plate, f.run.contact_s):.2g} at 1/T: Kirchhoff's "
             f"plate may take {percent(x)} less energy than an elastic solid, and the rebound be "
-            f"off by {percent(f.kirchhoff.rebound_speed)} of the impact speed (requested: "
+            f"off by {percent(f.thin_plate.rebound_speed)} of the impact speed (requested: "
             f"{percent(f.setup.run.accuracy)})"
         ),
         "energy error of thin-plate theory is {p}", of_plate=True,
     ),
     EffectRow(
         "plate theory (peak)", "dC 3/2 s^(2/3) F^(1/3)", None, 0.5,
-        lambda f: f.kirchhoff.peak_force,
+        lambda f: f.thin_plate.peak_force,
         lambda f, x: (
             "near the force an elastic solid deforms differently from Kirchhoff's plate with "
             f"Hertz's half space: peak force and contact time may be off by {percent(x)} "

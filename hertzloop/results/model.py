@@ -66,7 +66,7 @@ def limiting_pressure(setup: Setup) -> dict[str, Any] | None:
 
 def structure_summary(setup: Setup) -> dict[str, Any]:
     """Return `name` and `closed_form` of the structure, and the quality of its modes as in
-    `RitzAccuracy` and `ModalStructure.mobility_ratio`."""
+    `EdgedPlate.quality` and `ModalStructure.quality`."""
     what = setup.mechanics.structure
     if what.quality is None:
         plain = what.simply_supported is not None

@@ -6,11 +6,6 @@ from typing import NamedTuple
 
 from hertzloop.plant.contact.yielding import YieldPressure
 from hertzloop.plant.estimates import criteria
-from hertzloop.plant.estimates.plate_theory import (
-    KirchhoffError,
-    kirchhoff_error,
-    zener_inelasticity,
-)
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.modal import series_residual_m_n
 from hertzloop.plant.structures.plate import Plate
@@ -46,7 +41,7 @@ class StaticContext(NamedTuple):
 def static_context(spec: PlantSpec, bodies: Mechanics) -> StaticContext:
     """Compute the quantities that depend on the plant alone."""
     structure, local, sphere = spec.plate, spec.plate.local_plate, spec.sphere
-    revival_s, air_share, square = 0.0, math.nan, structure.separable
+    revival_s, air_share, square = 0.0, math.nan, structure.simply_supported
     if square is not None and not spec.infinite_plate:
         x, y = square.size_m
         revival_s = criteria.revival_s(square, x) if abs(x - y) <= _SQUARE * x else 0.0
@@ -55,7 +50,7 @@ def static_context(spec: PlantSpec, bodies: Mechanics) -> StaticContext:
     return StaticContext(
         local,
         bodies.weaker,
-        math.nan if local is None else zener_inelasticity(sphere, local, spec.contact),
+        math.nan if local is None else criteria.zener_inelasticity(sphere, local, spec.contact),
         revival_s,
         air_share,
         criteria.squeezed_film(sphere),
@@ -97,9 +92,7 @@ class RunContext:
             self.first_return_s = criteria.first_return_s(
                 self.local, setup.scene.plate.size_m, self.spec.contact_point_m, run.contact_s
             )
-        self.kirchhoff: KirchhoffError = kirchhoff_error(
-            self.local, contact.stiffness, lasts_s, peak_n
-        )
+        self.thin_plate = criteria.thin_plate_error(self.local, contact.stiffness, lasts_s, peak_n)
         self.mass_that_matters_kg = criteria.mass_that_matters_kg(sphere, self.local, run.contact_s)
 
     @property

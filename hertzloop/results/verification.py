@@ -10,7 +10,7 @@ from hertzloop.plant import state_kernels
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
 from hertzloop.plant.schemes.factory import built
-from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.schemes.registry import SCHEMES, schemes_where
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
 from hertzloop.plant.time_series import F_A, F_C, XI
 from hertzloop.results.impacts import first_impact
@@ -62,7 +62,7 @@ def check_verifiable(setup: Setup) -> None:
     if not SCHEMES[setup.run.scheme].converges:
         raise SceneError(
             f"run.scheme = '{setup.run.scheme}' does not converge and cannot be verified. "
-            f"Use {supporting('converges')}."
+            f"Use {schemes_where(lambda row: row.converges)}."
         )
     fine = finer_spec(setup)
     modes = fine.plate.modes_below(fine.frequency_limit_hz)
@@ -87,7 +87,7 @@ def finer_spec(setup: Setup) -> PlantSpec:
         spec,
         step_s=spec.step_s / 2,
         frequency_limit_hz=limit_hz,
-        residual_flexibility=SCHEMES[setup.run.scheme].supports_truncated_modes,
+        residual_flexibility=SCHEMES[setup.run.scheme].accepts("plate.tail", "spring"),
         infinite_plate=False,
     )
 

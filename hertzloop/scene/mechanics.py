@@ -89,11 +89,10 @@ class Mechanics:
         return self.structure.local_plate
 
 
-def resolve_mechanics(tables: PlantTables, accuracy: float, knows_yield: bool) -> Mechanics:
+def resolve_mechanics(tables: PlantTables, knows_yield: bool) -> Mechanics:
     """Build the bodies, or return those that were built for the same arguments.
 
     Args:
-        accuracy: `run.accuracy`, by which the number of Ritz functions is chosen.
         knows_yield: whether scheme and plate model know a contact that yields.
 
     Raises:
@@ -101,15 +100,15 @@ def resolve_mechanics(tables: PlantTables, accuracy: float, knows_yield: bool) -
     """
     theory = tables.plate.theory
     make = maker(theory) if theory in STRUCTURES else None
-    return _resolved(tables, accuracy, knows_yield, make)
+    return _resolved(tables, knows_yield, make)
 
 
 @lru_cache(maxsize=16)
-def _resolved(tables: PlantTables, accuracy: float, knows_yield: bool, make: Any) -> Mechanics:
+def _resolved(tables: PlantTables, knows_yield: bool, make: Any) -> Mechanics:
     """The same; `make`: function of the theory of the scene, another one after a reload."""
     plate, of_plate = tables.plate, tables.plate_material
     try:
-        description = _describe_plate(plate, of_plate, accuracy)
+        description = _describe_plate(plate, of_plate)
     except ValueError as error:
         raise SceneError(str(error)) from error
     sphere = _sphere(tables.sphere, tables.sphere_material)
@@ -140,7 +139,7 @@ def _resolved(tables: PlantTables, accuracy: float, knows_yield: bool, make: Any
     )
 
 
-def _describe_plate(table: PlateTable, material: Material, accuracy: float) -> Description:
+def _describe_plate(table: PlateTable, material: Material) -> Description:
     modes = table.modes
     content = None if modes is None else unpack_modes(modes.file, modes.sha256, modes.content)
     return Description(
@@ -149,7 +148,6 @@ def _describe_plate(table: PlateTable, material: Material, accuracy: float) -> D
         thickness_m=table.thickness_m,
         loss_factor=table.loss_factor,
         edges=table.edges or "ssss",
-        accuracy=accuracy,
         modes=None if modes is None or content is None else (modes.file, content),
         residual_flexibility_m_n=table.residual_flexibility_m_n,
     )

@@ -1,9 +1,11 @@
 """Values of sphere, plate, contact, actuator and run that are possible alone, but not together."""
 
 import math
+from collections.abc import Iterator
 from functools import lru_cache
+from typing import NamedTuple
 
-from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.schemes.registry import SCHEMES, schemes_where
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError, shortened
 from hertzloop.scene.plant_tables import PlantTables
@@ -54,29 +56,12 @@ def _phase_problems(scene: PlantTables, run: RunTable) -> list[str]:
         assert speed_m_s is not None  # see `_sphere_problems`
         height_m = speed_m_s**2 / (2.0 * GRAVITY_M_S2)
     fall_s = math.sqrt(2.0 * height_m / GRAVITY_M_S2)
-    if refusal := not_supported("supports_touch_phase", run.scheme, "modal", phase):
-        return refusal
     if not run.step_s <= run.lead_in_s < fall_s - run.step_s:
         return [
             f"{phase}: the run must begin in flight. Set run.lead_in_s (now {run.lead_in_s:g}) to "
             f"at least a step and less than the time to the contact, {fall_s:.3g} s."
         ]
     return []
-
-
-def _sensor_problems(scene: PlantTables, run: RunTable) -> list[str]:
-    """What does not go with a sensor elsewhere."""
-    point = scene.sensor_point_m
-    if point is None:
-        return []
-    asked = f"sensors.point_m = {list(point)}"
-    found = not_supported("supports_sensor_elsewhere", run.scheme, run.plate_model, asked)
-    if scene.plate.modes is not None:
-        found.append(
-            f"sensors.point_m = {list(point)}: plate.modes of {scene.plate.modes.file} know points "
-            "by their columns only. Remove the key, and give the file a column shape_sensor."
-        )
-    return found
 
 
 def _point_problems(plate: PlateTable, sensor_point_m: Point | None) -> list[str]:
@@ -105,27 +90,6 @@ def _point_problems(plate: PlateTable, sensor_point_m: Point | None) -> list[str
                 f"{key} = {list(point)} lies on a supported edge. Keep a distance of "
                 f"{_EDGE:g} of plate.size_m = {list(plate.size_m)}."
             )
-    return found
-
-
-def _beyond_simply_supported(scene: PlantTables, run: RunTable) -> list[str]:
-    """What is known of a simply supported plate only."""
-    plate, found = scene.plate, []
-    if plate.modes is not None:
-        key, words = "plate.modes", f"plate.modes of {plate.modes.file}"
-    elif plate.edges not in (None, "ssss"):
-        key, words = "plate.edges", f"plate.edges = '{plate.edges}'"
-    else:
-        return []
-    if not SCHEMES[run.scheme].supports_edges:
-        found.append(
-            f"{words}: run.scheme = '{run.scheme}' supports a simply supported plate only. "
-            f"Remove {key}, or use the scheme {supporting('supports_edges')}."
-        )
-    if run.plate_model == "infinite" and plate.modes is not None:
-        found.append(
-            f"{words}: run.plate_model = 'infinite' has no modes. Use run.plate_model = 'auto'."
-        )
     return found
 
 
@@ -166,93 +130,99 @@ def check_conserves(scheme: str) -> None:
     cases rest."""
     if not SCHEMES[scheme].conserves:
         raise SceneError(
-            f"run.scheme = '{scheme}': not supported here. Use {supporting('conserves')}."
+            f"run.scheme = '{scheme}': not supported here. "
+            f"Use {schemes_where(lambda row: row.conserves)}."
         )
 
 
-def not_supported(capability: str, scheme: str, plate_model: str, key: str) -> list[str]:
-    """The sentence on a key that needs a capability of the scheme, and modes."""
-    if not getattr(SCHEMES[scheme], capability):
-        return [
-            f"{key}: not supported by run.scheme = '{scheme}'. Remove the key, or use the scheme "
-            f"{supporting(capability)}."
-        ]
-    if plate_model == "infinite":
-        return [
-            f"{key}: not supported by run.plate_model = 'infinite'. Remove the key, or use "
-            "run.plate_model = 'auto'."
-        ]
-    return []
+class Asked(NamedTuple):
+    """What a scene asks of scheme and plate model: a key, its value, and both in words."""
 
-
-def _truncation_problems(scene: PlantTables, run: RunTable) -> list[str]:
-    """Where the modes left out are no damped mode."""
-    if scene.plate.tail != "damped":
-        return []
-    asked, (contact, actuator) = "plate.tail = 'damped'", scene.plate.points_m
-    if scene.actuator.mass_kg is not None and actuator == contact:
-        return [
-            f"{asked}: not supported with actuator.mass_kg = {scene.actuator.mass_kg:g} at the "
-            "contact point. Use 'spring' or 'auto'."
-        ]
-    return not_supported("supports_truncated_modes", run.scheme, run.plate_model, asked)
+    what: str
+    value: object
+    words: str
 
 
 # Keys of the actuator that belong to the line, or act with a bandwidth only.
 _BESIDE_DYNAMICS = ("damping", "dead_time_us", "stuck_from_s")
+# What needs no modes.
+_OF_INFINITE_PLATE = (
+    "run.plate_model",
+    "run.touch_phase",
+    "contact.damping",
+    "plate.edges",
+    "steps",
+)
+
+
+def _asked(scene: PlantTables, run: RunTable) -> Iterator[Asked]:
+    """All that not every scheme and every model of the plate may have."""
+    plate, contact, actuator = scene.plate, scene.contact, scene.actuator
+    if run.touch_phase != _MIDDLE:
+        phase = run.touch_phase
+        yield Asked("run.touch_phase", phase, f"run.touch_phase = {phase!r}")
+    if contact.plasticity == "thornton":
+        yield Asked("contact.plasticity", "thornton", "contact.plasticity = 'thornton'")
+    for key, field in type(actuator).model_fields.items():  # a later key is refused, too
+        value = getattr(actuator, key)
+        if key not in _BESIDE_DYNAMICS and value != field.default:
+            yield Asked(f"actuator.{key}", value, f"actuator.{key} = {value:g}")
+    if plate.tail == "damped":
+        yield Asked("plate.tail", "damped", "plate.tail = 'damped'")
+    if scene.sensor_point_m is not None:
+        point = scene.sensor_point_m
+        yield Asked("sensors.point_m", point, f"sensors.point_m = {list(point)}")
+    if plate.modes is not None:
+        yield Asked("plate.modes", plate.modes, f"plate.modes of {plate.modes.file}")
+    elif plate.edges not in (None, "ssss"):
+        yield Asked("plate.edges", plate.edges, f"plate.edges = '{plate.edges}'")
+    place = plate.actuator_point_m
+    if place is not None and place != plate.contact_point_m:
+        yield Asked("plate.actuator_point_m", place, f"plate.actuator_point_m = {list(place)}")
+    yield Asked("contact.damping", contact.damping, f"contact.damping = '{contact.damping}'")
+    if run.plate_model == "infinite":
+        yield Asked("run.plate_model", "infinite", "run.plate_model = 'infinite'")
+    yield Asked("steps", run.steps, f"run.duration_s = {run.duration_s:g} ({run.steps} steps)")
+
+
+def _refusals(scene: PlantTables, run: RunTable) -> Iterator[str]:
+    """What the scheme refuses, and what an infinite plate does not have."""
+    for what, value, words in _asked(scene, run):
+        if why := SCHEMES[run.scheme].refusal(what, value):
+            others = schemes_where(lambda row, what=what, value=value: row.accepts(what, value))
+            other = f", or use the scheme {others}" if others else ""
+            yield (
+                f"{words}: not supported by run.scheme = '{run.scheme}', which {why}. "
+                f"Remove or change the key{other}."
+            )
+        elif run.plate_model == "infinite" and what not in _OF_INFINITE_PLATE:
+            yield (
+                f"{words}: not supported by run.plate_model = 'infinite', which has no modes. "
+                "Remove the key, or use run.plate_model = 'auto'."
+            )
 
 
 def _scheme_problems(scene: PlantTables, run: RunTable) -> list[str]:
-    found: list[str] = []
-    contact, scheme = scene.contact, SCHEMES[run.scheme]
-
-    def needs(capability: str, key: str) -> list[str]:
-        return not_supported(capability, run.scheme, run.plate_model, key)
-
-    if contact.plasticity == "thornton":
-        found += needs("supports_yield", f"contact.plasticity = '{contact.plasticity}'")
+    found, (contact_m, actuator_m) = [], scene.plate.points_m
+    if scene.contact.plasticity == "thornton":
         plate = scene.plate_material
-        if contact.limiting_pressure_pa is None and plate.hardness_pa is plate.yield_pa is None:
+        pressure = scene.contact.limiting_pressure_pa
+        if pressure is None and plate.hardness_pa is plate.yield_pa is None:
             found.append(
-                f"contact.plasticity = '{contact.plasticity}': the yield pressure of "
+                f"contact.plasticity = 'thornton': the yield pressure of "
                 f"{_material_words(scene.plate)} is unknown. Give plate.material.yield_pa, "
                 "plate.material.hardness_pa or contact.limiting_pressure_pa, in Pa."
             )
-    for key, field in type(scene.actuator).model_fields.items():  # a later key is refused, too
-        value = getattr(scene.actuator, key)
-        if key not in _BESIDE_DYNAMICS and value != field.default:
-            found += needs("supports_actuator_dynamics", f"actuator.{key} = {value:g}")
-    found += _truncation_problems(scene, run) + _sensor_problems(scene, run)
-    point = scene.plate.actuator_point_m
-    found += _beyond_simply_supported(scene, run)
-    apart = point is not None and point != scene.plate.contact_point_m
-    if run.plate_model == "infinite":
-        if not scheme.supports_infinite_plate:
-            found.append(
-                f"run.plate_model = 'infinite': not supported by run.scheme = '{run.scheme}'. Use "
-                f"the scheme {supporting('supports_infinite_plate')}, or plate_model 'auto'."
-            )
-        if apart:
-            found.append(
-                f"plate.actuator_point_m = {list(point or ())} needs modes, which run.plate_model "
-                "= 'infinite' does not have. Remove the key, or use plate_model 'auto'."
-            )
-    if contact.damping not in scheme.dampings:
-        known = ", ".join(f"'{name}'" for name in sorted(scheme.dampings))
-        others = [f"'{name}'" for name, row in SCHEMES.items() if contact.damping in row.dampings]
+    mass_kg = scene.actuator.mass_kg
+    if scene.plate.tail == "damped" and mass_kg is not None and actuator_m == contact_m:
         found.append(
-            f"contact.damping = '{contact.damping}': not supported by run.scheme = '{run.scheme}'. "
-            f"Use one of {known}, or the scheme {' or '.join(others)}."
+            f"plate.tail = 'damped': not supported with actuator.mass_kg = {mass_kg:g} at the "
+            "contact point. Use 'spring' or 'auto'."
         )
-    if apart and not scheme.supports_separate_actuator:
+    if scene.sensor_point_m is not None and scene.plate.modes is not None:
         found.append(
-            f"plate.actuator_point_m = {list(point or ())} is not supported by run.scheme = "
-            f"'{run.scheme}'. Remove the key, or use the scheme "
-            f"{supporting('supports_separate_actuator')}."
+            f"sensors.point_m = {list(scene.sensor_point_m)}: plate.modes of "
+            f"{scene.plate.modes.file} know points by their columns only. Remove the key, and give "
+            "the file a column shape_sensor."
         )
-    if scheme.most_steps is not None and run.steps > scheme.most_steps:
-        found.append(
-            f"run.duration_s = {run.duration_s:g} gives {run.steps} steps; run.scheme = "
-            f"'{run.scheme}' supports at most {scheme.most_steps}. Reduce the duration."
-        )
-    return found
+    return [*_refusals(scene, run), *found]

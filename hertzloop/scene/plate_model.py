@@ -42,7 +42,7 @@ def describe_plant(
     step_s = step_ns * 1e-9
     _check_step(mechanics, step_ns)
     limit, damped = _limit_hz(mechanics, truncated, scheme, step_s, accuracy)
-    if mechanics.structure.mode_table is not None:
+    if mechanics.structure.mode_table is not None:  # all of the file
         limit = min(mechanics.structure.highest_hz, 0.5 / step_s)
     return PlantSpec(
         sphere=mechanics.sphere,
@@ -53,7 +53,7 @@ def describe_plant(
         step_s=step_s,
         frequency_limit_hz=limit,
         lead_in_s=lead_in_s,
-        residual_flexibility=SCHEMES[scheme].supports_truncated_modes,
+        residual_flexibility=SCHEMES[scheme].accepts("plate.tail", "spring"),
         damped_residual=damped,
         actuator=mechanics.actuator,
         sensor_point_m=mechanics.sensor_point_m,
@@ -86,7 +86,7 @@ def _damped_residual(
     begins, without a mass on the contact point. Raises SceneError.
     """
     plate = mechanics.structure
-    if asked == "spring" or not SCHEMES[scheme].supports_truncated_modes:
+    if asked == "spring" or not SCHEMES[scheme].accepts("plate.tail", "spring"):
         return False
     if why := _why_not_damped(plate):
         if asked == "auto":
@@ -152,15 +152,13 @@ def _limit_hz(
     sphere, plate, contact = mechanics.sphere, mechanics.structure, mechanics.contact
     if not SCHEMES[scheme].limits_modes:
         return 0.5 / step_s, False
+    spring = SCHEMES[scheme].accepts("plate.tail", "spring")
     limits = [
-        frequency_limit_hz(
-            sphere,
-            plate,
-            contact,
-            step_s,
-            accuracy,
-            spring=SCHEMES[scheme].supports_truncated_modes,
-            damped=damped,
+        min(
+            plate.highest_hz,
+            frequency_limit_hz(
+                sphere, plate, contact, step_s, accuracy, spring=spring, damped=damped
+            ),
         )
         for damped in (False, True)
     ]

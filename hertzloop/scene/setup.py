@@ -143,8 +143,11 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     if isinstance(scene, Setup):
         return scene
     run, sensors = scene.run, scene.sensors
-    knows_yield = SCHEMES[run.scheme].supports_yield and run.plate_model != "infinite"
-    mechanics = resolve_mechanics(scene.plant_tables, run.accuracy, knows_yield)
+    knows_yield = (
+        SCHEMES[run.scheme].accepts("contact.plasticity", "thornton")
+        and run.plate_model != "infinite"
+    )
+    mechanics = resolve_mechanics(scene.plant_tables, knows_yield)
     path = resolve_signal_path(scene.controller, scene.actuator, sensors.every_steps, run.step_ns)
     plant = describe_plant(
         mechanics, scene.plate.tail, run.scheme, run.step_ns, run.lead_in_s, run.accuracy

@@ -32,7 +32,7 @@ _JUMP, _JUMP_SPRING = 1.6, 1.6
 # missing: errors of the plate energy were 0.9 to 2.2 times d R F/T.
 _DAMPER_FACTOR = 2.5
 
-# Modes of a file that end far below an impact, with an infinite plate in the place of the rest:
+# Modes that end far below an impact, with an infinite plate in the place of the rest:
 # peak force and plate energy, relative, and the rebound speed over the impact speed are within it
 # on 99 % of random plates: `python -m benchmarks.few_modes`.
 _FEW = 0.15
@@ -181,7 +181,7 @@ def expected_error(
     found = min(1.0, _ENERGY_FACTOR * energy_beyond(periods))
     if periods > 0.0:  # else the modes are those of a rigid body, and all of the energy is beyond
         found = max(_SPRING_FACTOR * share * periods**-_SPRING_EXPONENT, found)
-    if plate.mode_table is not None:
+    if plate.highest_hz < math.inf:
         found = min(found, few_modes_error(plate) if damped else 1.0)
     return found if damped else found + damper_error(sphere, plate, contact, frequency_limit_hz)
 

@@ -1,1 +1,1 @@
-"""Time-stepping schemes, each a plant beside its kernels; `registry` lists what each supports."""
+"""Time-stepping schemes, each a plant beside its kernels; `registry` lists them."""

@@ -216,6 +216,11 @@ class ModalPlant(Plant):
 
     kernels: Any = modal_kernels
 
+    @classmethod
+    def refusal(cls, what: str, value: object = None) -> str:
+        """See `Plant`: all but a damping that the contact does not have."""
+        return super().refusal(what, value) if what == "contact.damping" else ""
+
     def _structure_modes(self) -> Oscillators:
         return NO_MODES if self.spec.infinite_plate else super()._structure_modes()
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant.contact.hertz import Contact, Damping
-from hertzloop.plant.plant import Balance, Plant, PlantSpec, balance
+from hertzloop.plant.plant import Balance, Plant, PlantSpec, balance, quoted
 from hertzloop.plant.schemes import thesis2008_kernels
 from hertzloop.plant.schemes.thesis2008_kernels import (
     ADVANCE,
@@ -43,6 +43,8 @@ from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.structure import oscillators
 
 NEWTON_ALLOWED = 30_000_000  # the published runs needed up to 22,942,400
+_MOST_STEPS = 500_000
+_DAMPINGS = ("none", "viscous", "relaxation")
 _BLOCK, _MODES_TOGETHER = 256, 8  # samples and modes whose sums stay in the nearest memory
 
 
@@ -99,6 +101,24 @@ class ThesisPlant(Plant):
     """
 
     kernels: Any = thesis2008_kernels
+
+    @classmethod
+    def refusal(cls, what: str, value: object = None) -> str:
+        """See `Plant`."""
+        if what in ("plate.edges", "plate.modes"):
+            return "supports a simply supported plate only"
+        if what == "plate.actuator_point_m":
+            return "supports a force at the contact point only"
+        if what == "run.touch_phase":
+            return "lets every contact begin at a sample"
+        if what == "contact.damping":
+            return "" if value in _DAMPINGS else f"supports {quoted(_DAMPINGS)} only"
+        if what == "steps":
+            assert isinstance(value, int)
+            return (
+                "" if value <= _MOST_STEPS else f"keeps the history of at most {_MOST_STEPS} steps"
+            )
+        return super().refusal(what, value)
 
     def __init__(self, spec: PlantSpec, steps: int, most_iterations: int = NEWTON_ALLOWED) -> None:
         if not spec.same_point:

@@ -3,6 +3,7 @@
 import pytest
 
 from benchmarks import fit_validation
+from benchmarks.zener import solved
 
 
 @pytest.mark.parametrize(
@@ -14,10 +15,10 @@ from benchmarks import fit_validation
     ],
 )
 def test_zeners_equation_gives_the_published_restitution(inelasticity, restitution):
-    assert fit_validation.zener(inelasticity) == pytest.approx(restitution, abs=5e-5)
+    assert solved(inelasticity)[2] == pytest.approx(restitution, abs=5e-5)
 
 
 def test_the_infinite_plate_follows_zener():
     """Up to gravity, which takes about g T of the speed."""
     simulated = fit_validation.restitution_on_infinite_plate(0.25)
-    assert simulated == pytest.approx(fit_validation.zener(0.25), abs=3e-4)
+    assert simulated == pytest.approx(solved(0.25)[2], abs=3e-4)

@@ -31,6 +31,10 @@ def step(model, state, f_a):
 class HalfPlant(DiscreteGradientPlant):
     kernels: Any = sys.modules[__name__]
 
+    @classmethod
+    def refusal(cls, what, value=None):
+        return "has no damper" if value == "viscous" else super().refusal(what, value)
+
     def _build_model(self):
         return HalfModel(*super()._build_model())
 ''')
@@ -41,10 +45,12 @@ with_line(
     '    "half": Scheme("half:HalfPlant"),\\n',
 )
 import numpy as np
+import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.results.verification import verify
+from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.recordings.reader import read
 from benchmarks.schemes.discrete_gradient import SCHEME
@@ -58,6 +64,12 @@ half, whole = (
     ])
     for scheme, force in (("half", 4), ("whole", 2))
 )
+for settings, why in (
+    (["contact.damping=viscous", "contact.viscous_n_s_m=1"], "'half', which has no damper. Remove"),
+    (["plate.tail=damped"], "not supported by run.scheme = 'half', which does not have it"),
+):
+    with pytest.raises(SceneError, match=why):
+        load("aluminium-3mm", ["run.scheme=half", *settings])
 found = simulate(half).truth
 assert np.array_equal(found[:5], simulate(whole).truth[:5])
 record_in_process(half, Path("a.mcap"), compiled=True)
@@ -128,11 +140,11 @@ assert len(modes_of(own).omega) == len(modes_of(known).omega)
 with pytest.raises(ValueError, match="simply supported plate"):
     own.simply_supported
 for scheme, row in SCHEMES.items():
-    if not row.supports_edges:
+    if not row.accepts("plate.edges", "cccc"):
         continue
     gaps = []
     for each in (own, known):
-        each = replace(each, residual_flexibility=row.supports_truncated_modes)
+        each = replace(each, residual_flexibility=row.accepts("plate.tail", "spring"))
         plant = plant_at_start(each, scheme, 200)
         gaps.append(series_under(plant, np.zeros(200))[XI])
         assert plant.state.counts[state_kernels.CONTACT_STEPS] > 0

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from benchmarks.zener import solved
 from hertzloop.plant.contact.hertz import Sphere, hertz_stiffness
 from hertzloop.plant.contact.yielding import softer, strength
 from hertzloop.plant.estimates import criteria
@@ -34,6 +35,21 @@ def test_waves_come_back_from_the_nearest_edge():
     back = criteria.first_return_s(PLATE, (0.5, 0.5), (0.1, 0.25), 28.9e-6)
     assert back == pytest.approx(98.3e-6, rel=0.01)
     assert criteria.first_return_s(PLATE, (0.5, 0.5), (0.4, 0.25), 28.9e-6) == pytest.approx(back)
+
+
+def test_an_infinite_plate_errs_more_with_time_and_with_control():
+    errors = [
+        criteria.reflections_error(late, 0.3, share, late)
+        for late in (0.2, 0.4)
+        for share in (0, 0.5)
+    ]
+    assert errors == sorted(errors)
+    assert criteria.switched_error(0.2, 0.3, 0.1, 2.0) > criteria.switched_error(0.2, 0.3, 0.1, 1.0)
+    # Zener's equation on a plate that is as heavy as the sphere takes a third longer.
+    for number in (0.1, 1.0, 2.9):
+        length, _, _ = solved(number)
+        rigid, _, _ = solved(0.0)
+        assert 1.0 < criteria.zener_contact_s(number, rigid) / length < 1.25
 
 
 def test_modes_of_a_square_plate_revive():

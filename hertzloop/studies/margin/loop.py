@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.plant.schemes.registry import SCHEMES, supporting
+from hertzloop.plant.schemes.registry import SCHEMES, schemes_where
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup, resolve
 from hertzloop.studies.margin.identify import NotLinearError, law_filter
@@ -65,10 +65,10 @@ def why_no_loop(setup: Setup) -> str:
     it may have one."""
     if not setup.scene.controller.has_law:
         return NO_LAW
-    if not SCHEMES[setup.run.scheme].has_linear_model:
+    if not SCHEMES[setup.run.scheme].accepts("margin"):
         return (
             f"run.scheme = '{setup.run.scheme}' has no linear model; use "
-            f"{supporting('has_linear_model')}"
+            f"{schemes_where(lambda row: row.accepts('margin'))}"
         )
     if setup.scene.sensors.quantity == "contact_force":
         return "the contact force is zero in flight, so the loop is closed in contact only"

@@ -107,7 +107,7 @@ REFUSED = {
     },
     "offcentre-6mm": {"run.plate_model=infinite": "plate.actuator_point_m = [0.155, 0.09]"},
     "thesis-oak": {
-        "run.plate_model=infinite contact.damping=none": "Use the scheme 'modal'",
+        "run.plate_model=infinite contact.damping=none": "use the scheme 'modal'",
     },
     "thesis-aluminium": {
         "contact.viscous_n_s_m=1e9": "contact.viscous_n_s_m",

@@ -103,12 +103,12 @@ def test_a_recording_may_have_keys_without_effect():
 
 
 def test_auto_takes_an_infinite_plate_until_reflections_matter():
-    until = "run.duration_s=0.00114"  # 140 us after the first touch
+    until = "run.duration_s=0.00112"  # 120 us after the first touch
     setup = aluminium_3mm(until)
     assert setup.plate_model == "infinite"
     assert setup.plant.infinite_plate
     assert model_error.expected_error(setup) <= setup.run.accuracy
-    assert setup.run.step_s < setup.infinite_plate.lasts_s() - 140e-6 < 100e-6
+    assert setup.run.step_s < setup.infinite_plate.lasts_s() - 120e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012",
         "run.duration_s=0.00101",

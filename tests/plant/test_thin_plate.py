@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from benchmarks.zener import solved, zener_impact
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
-from hertzloop.plant.estimates import plate_theory
+from hertzloop.plant.estimates import criteria
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 
@@ -19,9 +20,9 @@ def _impact(radius_m: float, h_m: float, drop_m: float) -> tuple[Sphere, Plate, 
     return Sphere(STEEL, radius_m, drop_m), Plate(ALUMINIUM, (0.5, 0.5), h_m), contact
 
 
-def _expected_error(sphere: Sphere, plate: Plate, contact: Contact) -> plate_theory.KirchhoffError:
-    impact = plate_theory.zener_impact(sphere, plate, contact)
-    return plate_theory.kirchhoff_error(
+def _expected_error(sphere: Sphere, plate: Plate, contact: Contact) -> criteria.ThinPlateError:
+    impact = zener_impact(sphere, plate, contact)
+    return criteria.thin_plate_error(
         plate, contact.stiffness, impact.contact_s, impact.peak_force_n
     )
 
@@ -37,14 +38,14 @@ SOLVED = [
 @pytest.mark.parametrize(("radius", "h", "drop", "number", "inelasticity"), SOLVED)
 def test_the_two_numbers(radius, h, drop, number, inelasticity):
     sphere, plate, contact = _impact(radius, h, drop)
-    found = plate_theory.zener_impact(sphere, plate, contact)
+    found = zener_impact(sphere, plate, contact)
     assert found.inelasticity == pytest.approx(inelasticity, abs=0.006)
-    assert plate_theory.thickness_number(plate, found.contact_s) == pytest.approx(number, abs=0.006)
+    assert criteria.thickness_number(plate, found.contact_s) == pytest.approx(number, abs=0.006)
 
 
 def test_a_heavy_ball_stays_until_reflections_throw_it_off():
     sphere, plate, contact = _impact(0.02, 0.003, 0.05)
-    found = plate_theory.zener_impact(sphere, plate, contact)
+    found = zener_impact(sphere, plate, contact)
     assert found.inelasticity == pytest.approx(15.0, abs=0.5)
     assert found.contact_s > 5e-3
     assert found.peak_force_n == pytest.approx(296.0, abs=1.0)  # as on the finite plate
@@ -56,7 +57,7 @@ def test_a_heavy_ball_stays_until_reflections_throw_it_off():
 def test_static_difference(number, integral):
     plate = Plate(ALUMINIUM, (1.0, 1.0), 0.003)
     unit = math.pi * ALUMINIUM.plane_strain_modulus_pa * 0.003
-    assert plate_theory.static_difference_m_n(plate, number) * unit == pytest.approx(
+    assert criteria.static_difference_m_n(plate, number) * unit == pytest.approx(
         integral, abs=0.006
     )
 
@@ -65,7 +66,7 @@ def test_static_difference_is_a_logarithm_at_long_waves():
     plate = Plate(ALUMINIUM, (1.0, 1.0), 0.003)
     unit = math.pi * ALUMINIUM.plane_strain_modulus_pa * 0.003
     for number in (0.09, 0.01):
-        found = plate_theory.static_difference_m_n(plate, number) * unit
+        found = criteria.static_difference_m_n(plate, number) * unit
         assert found == pytest.approx(1.2 * math.log(0.40 / number), rel=0.05)
 
 
@@ -76,12 +77,11 @@ def test_errors_of_solved_impacts():
     thick = _expected_error(*_impact(0.003, 0.003, 0.05))
     assert 0.024 <= thick.plate_energy <= 0.04
     assert 0.015 <= thick.rebound_speed <= 0.02
-    assert thick.largest == thick.plate_energy
 
 
 def test_zener_on_a_rigid_plate_is_hertz():
     sphere, plate, contact = _impact(0.003, 1.0, 0.05)
-    found = plate_theory.zener_impact(sphere, plate, contact)
+    found = zener_impact(sphere, plate, contact)
     rigid = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
     assert found.contact_s == pytest.approx(rigid, rel=1e-4)
 
@@ -99,9 +99,9 @@ def test_zeners_impact_as_another_program_integrates_it(number):
         return float(rates(t, state)[0])
 
     apart.terminal = True
-    solved = solve_ivp(
+    exact = solve_ivp(
         rates, (0.0, 1e4), [0.0, 1.0], "LSODA", events=(apart, deepest), rtol=1e-12, atol=1e-15
     )
-    length, peak = plate_theory._zener(number)
-    assert length == pytest.approx(solved.t[-1], rel=1e-6)
-    assert peak == pytest.approx(solved.y_events[1][:, 0].max() ** 1.5, rel=1e-6)
+    length, peak = solved(number)[:2]
+    assert length == pytest.approx(exact.t[-1], rel=1e-6)
+    assert peak == pytest.approx(exact.y_events[1][:, 0].max() ** 1.5, rel=1e-6)
