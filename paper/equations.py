@@ -120,7 +120,7 @@ def lines(setup: Setup) -> list[Line]:
         Line("", "plate energy of the run", 1e6 * noise.transmitted_j, "uJ"),
         Line("", "... of the kinetic energy", noise.transmitted_j / (0.5 * m * v0**2), ""),
     ]
-    plate = spec.plate.separable
+    plate = spec.plate.simply_supported
     if plate is not None:
         found += [
             Line("3.13", "not defined below", maidanik_from_hz(plate), "Hz"),

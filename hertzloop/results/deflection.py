@@ -71,7 +71,7 @@ def _plate_modes(spec: PlantSpec, modes: Modes, shapes: tuple[np.ndarray, ...]) 
     return PlateModes(shapes, moves, linear_of(poles, spec.step_s), theta)
 
 
-def _separable_modes(spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
+def _supported_modes(spec: PlantSpec, x_m: np.ndarray, y_m: np.ndarray) -> PlateModes:
     """Modes of a simply supported plate with both numbers up to MODES_PER_AXIS."""
     plate = spec.simply_supported
     numbers = np.arange(1, MODES_PER_AXIS + 1)
@@ -142,8 +142,8 @@ def _grid_and_modes(
     if structure.size_m is None:
         return None
     x, y = axes(setup.scene.plate.size_m or (1.0, 1.0), spec.contact_point_m, NODES)
-    separable = structure.separable is not None
-    return x, y, (_separable_modes if separable else _edged_modes)(spec, x, y)
+    supported = structure.simply_supported is not None
+    return x, y, (_supported_modes if supported else _edged_modes)(spec, x, y)
 
 
 def forces_on_plate(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:

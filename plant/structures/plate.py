@@ -69,11 +69,6 @@ class Plate(ModeSource):
 
     @property
     def simply_supported(self) -> "Plate":
-        """This plate."""
-        return self
-
-    @property
-    def separable(self) -> "Plate":
         """This plate, whose modes are products of sines."""
         return self
 
@@ -121,10 +116,6 @@ class Plate(ModeSource):
         along_x = np.sin(np.outer(m, x_m) * (np.pi / self.size_m[0]))
         along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
         return np.asarray(along_x[:, :, None] * along_y[:, None, :])
-
-    def beside(self, other: object) -> "Plate":
-        """Itself: its modes are in closed form."""
-        return self
 
     def modes(
         self, omega_max: float, contact_m: tuple[float, float], actuator_m: tuple[float, float]

@@ -19,8 +19,8 @@ class Description:
     """What a scene says of a structure, in SI units; None is not said.
 
     `edges`: c, f or s (clamped, free, simply supported) at x = 0, x = l_x, y = 0, y = l_y.
-    `accuracy`: relative error that modes by an approximation may have. `modes`: name and content of
-    a file of modes; `residual_flexibility_m_n`: static flexibility of those not in it, m/N.
+    `modes`: name and content of a file of modes; `residual_flexibility_m_n`: static flexibility of
+    those not in it, m/N.
     """
 
     material: Material
@@ -28,7 +28,6 @@ class Description:
     thickness_m: float | None = None
     loss_factor: float | None = None
     edges: str = "ssss"
-    accuracy: float = 1e-3
     modes: tuple[str, bytes] | None = None
     residual_flexibility_m_n: float | None = None
 

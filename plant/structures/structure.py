@@ -41,25 +41,14 @@ class Structure(ModeSource, Protocol):
 
     @property
     def simply_supported(self) -> Plate | None:
-        """The simply supported plate that it is, thick or thin; None if it is none. Radiation
-        efficiencies are known of these only."""
-        return None
-
-    @property
-    def separable(self) -> Plate | None:
-        """The plate, if every mode is a product of sines that `mode_numbers` lists: then image
-        sources say when reflections return. None for any other structure."""
+        """The simply supported plate that it is, whose modes are products of sines; None if it is
+        none. Radiation efficiencies are known of these only."""
         return None
 
     @property
     def fundamental_hz(self) -> float | None:
         """Frequency of its lowest mode, Hz, where that is known without its modes."""
         return None
-
-    def beside(self, other: "Structure") -> "Structure":
-        """This structure, sharing what does not depend on a few numbers with another one that
-        differs in these: for many that are close to one."""
-        return self
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     omega = float(natural[largest])
     number = int(np.sum(natural < omega * (1.0 - _SAME))) + 1
     spec = setup.plant
-    plate = spec.plate.separable
+    plate = spec.plate.simply_supported
     if plate is None:
         return BindingMode(omega / (2.0 * math.pi), amplitude, number, None, None, None)
     m, n, all_omega = plate.mode_numbers(omega * (1.0 + 10.0 * _SAME))

@@ -57,7 +57,7 @@ def test_both_files_have_one_scale_and_no_clipped_sample(heard):
 def test_modes_move_the_volumes_that_are_known_in_closed_form():
     """Of sin(m pi x/a) sin(n pi y/b): 4 a b/(m n pi^2) if m and n are odd, else none."""
     setup = aluminium_3mm(*SHORT)
-    radiator, plate = listening.radiator_of(setup), setup.plant.plate.separable
+    radiator, plate = listening.radiator_of(setup), setup.plant.plate.simply_supported
     m, n, omega = plate.mode_numbers(float(radiator.omega.max()) * (1.0 + 1e-9))
     a, b = plate.size_m
     odd = (m % 2 == 1) & (n % 2 == 1)

@@ -158,7 +158,7 @@ class ImpactSimulator:
         spec = replace(
             self.spec,
             sphere=bodies.sphere,
-            plate=bodies.structure.beside(self.spec.plate),
+            plate=bodies.structure,
             contact=bodies.contact,
             contact_point_m=bodies.contact_point_m,
             actuator_point_m=bodies.actuator_point_m,
