@@ -1,6 +1,5 @@
 """Theory and truncated modes of a plate as scenes: what is chosen, recorded, refused and said."""
 
-import math
 from dataclasses import replace
 
 import pytest
