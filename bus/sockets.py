@@ -16,7 +16,8 @@ from hertzloop.bus.streams import ROLES
 LOOPBACK = "127.0.0.1"
 _LAST = 65535
 _KIND = "unixsock-stream/"
-_PREFIX = "hertzloop-bus-"
+_PREFIX = "hertzloop-run-"
+_YOUNG_S = 60.0  # in which whoever made a folder has surely locked it
 _LONGEST = 107  # bytes of a path that Linux binds a socket to
 _PLAIN = re.compile(r"[A-Za-z0-9/_.+-]+")  # other characters may mean something to zenoh
 
@@ -39,55 +40,40 @@ def too_long(endpoint: str) -> bool:
 
 
 @contextmanager
-def own_endpoints() -> Iterator[list[str]]:
-    """One for each role until the context ends: Unix sockets in a folder that only this user can
-    enter.
+def run_folder() -> Iterator[tuple[Path, list[str]]]:
+    """Yield a folder for the files of a run, and an endpoint for each role: Unix sockets in it.
 
-    Where no folder for temporary files has a path that is short and plain enough: loopback.
+    Only this user can enter the folder, which is removed at the end of the context. Where no folder
+    for temporary files has a path that is short and plain enough: ports on loopback.
     """
     with ExitStack() as stack:
         if folder := _short_folder(stack):
-            yield [f"{_KIND}{folder}/{number}" for number in range(len(ROLES))]
+            yield folder, [f"{_KIND}{folder}/{number}" for number in range(len(ROLES))]
         else:
-            yield on_loopback(stack.enter_context(reserved_ports(len(ROLES))))
+            ports = stack.enter_context(reserved_ports(len(ROLES)))
+            yield Path(stack.enter_context(own_folder())), on_loopback(ports)
 
 
-def _short_folder(stack: ExitStack) -> str | None:
+def _short_folder(stack: ExitStack) -> Path | None:
     runtime = os.environ.get("XDG_RUNTIME_DIR") or "/tmp"
     for parent in (tempfile.gettempdir(), runtime, "/tmp"):
         named = f"{parent}/{_PREFIX}{'x' * 8}/00.lock"  # zenoh locks a file beside the socket
         if _PLAIN.fullmatch(named) and not too_long(_KIND + named):
             with suppress(OSError):
-                return stack.enter_context(own_folder(_PREFIX, parent))
+                return Path(stack.enter_context(own_folder(parent)))
     return None
 
 
-def remove_folder_of(endpoints: Sequence[str]) -> None:
-    """Remove what a role listened on, and the folder if nothing else is left in it: for who
-    outlives the folder's maker."""
-    for endpoint in endpoints:
-        path = Path(endpoint.removeprefix(_KIND))
-        if endpoint.startswith(_KIND) and path.parent.name.startswith(_PREFIX):
-            with suppress(OSError):
-                for own in (path, path.with_name(f"{path.name}.lock")):
-                    own.unlink(missing_ok=True)
-                path.parent.rmdir()
-
-
-RUN = "hertzloop-run-"
-_YOUNG_S = 60.0  # in which whoever made a folder has surely locked it
-
-
 @contextmanager
-def own_folder(prefix: str = RUN, parent: str | None = None) -> Iterator[str]:
+def own_folder(parent: str | None = None) -> Iterator[str]:
     """A folder with mode 700 that is removed at the end of the context.
 
     It is locked until then. A process that is killed leaves its folder without a lock, and the next
-    call with the same prefix removes it. Raises OSError.
+    call removes it. Raises OSError.
     """
     parent = parent or tempfile.gettempdir()
-    _sweep(prefix, parent)
-    folder = tempfile.mkdtemp(prefix=prefix, dir=parent)
+    _sweep(parent)
+    folder = tempfile.mkdtemp(prefix=_PREFIX, dir=parent)
     try:
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -99,9 +85,9 @@ def own_folder(prefix: str = RUN, parent: str | None = None) -> Iterator[str]:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _sweep(prefix: str, parent: str) -> None:
+def _sweep(parent: str) -> None:
     """Remove what this user's processes left here that had no time to do so."""
-    for folder in Path(parent).glob(f"{prefix}*"):
+    for folder in Path(parent).glob(f"{_PREFIX}*"):
         with suppress(OSError):
             stat = folder.lstat()
             if stat.st_uid != os.getuid() or time.time() - stat.st_mtime < _YOUNG_S:

@@ -12,19 +12,6 @@ from hertzloop.common.sanitize import visible
 from hertzloop.processes import signals
 
 
-def load() -> None:
-    """Import what the roles of a run need."""
-    import hertzloop.cli.node
-    import hertzloop.loop.controller_node
-    import hertzloop.loop.plant_node
-    import hertzloop.processes.roles  # noqa: F401
-    from hertzloop.cli import app
-    from hertzloop.loop.announcement import versions_here
-
-    app.root_command()
-    versions_here()  # read from the disk, and kept
-
-
 def collect_rarely() -> None:
     """Look for cycles of garbage rarely: compiling a kernel makes millions of objects that live
     long, and Python's usual thresholds take 7 % of the time of a first run."""

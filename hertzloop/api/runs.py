@@ -1,6 +1,7 @@
 """Runs for scripts: simulate, run, read and compare."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib import import_module
@@ -262,11 +263,11 @@ def run(
         check_pace(setup, asked.pace, asked.timeout_s)
         ensure_compiled(setup, works=[*RUN, Work.PACED])  # a process that compiles answers nobody
     if recording is not None:
-        record(setup, Path(recording), asked, on_progress)
+        record(setup, Path(recording), asked, lambda _: nullcontext(on_progress))
         return read(recording)
     with own_folder() as folder:
         path = Path(folder) / "run.mcap"
-        record(setup, path, asked, on_progress)
+        record(setup, path, asked, lambda _: nullcontext(on_progress))
         return replace(read(path), path=None)
 
 

@@ -16,7 +16,6 @@ from hertzloop.cli.options import FileArgument, JsonOption, SetOption, run_optio
 from hertzloop.cli.terminal import err, fail, out, say_problems
 from hertzloop.controller.loading.registry import compilation, find, shipped
 from hertzloop.loop.run_options import RunOptions
-from hertzloop.processes import fork_server
 from hertzloop.processes.controller_check import (
     WrongForce,
     cases_of,
@@ -192,7 +191,6 @@ def controller_test(
     name = name_on_bus(controller, options.name)
     cases = cases_of(law, settings or [])
     prepare.compile_first(*(case.setup for case in cases), works=[Work.EXCHANGE])
-    fork_server.prepare()  # before anything starts a thread
     recordings: list[Recording] = []
     for case in cases:
         try:

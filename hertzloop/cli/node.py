@@ -1,19 +1,17 @@
 """The commands `hertzloop node plant`, `controller` and `recorder`: one process of a run each."""
 
-import json
 import re
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from hertzloop.bus.port import BusError, EndedByOther, PeerLost
+from hertzloop.bus.port import BusError
 from hertzloop.bus.sockets import too_long
-from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
+from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
 from hertzloop.cli import outputs, prepare
 from hertzloop.cli.options import (
@@ -29,10 +27,10 @@ from hertzloop.common.readable import quantity
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import roles
 from hertzloop.processes.program import BASE_PORT, LARGEST_PORT
+from hertzloop.processes.record import told_where
 from hertzloop.processes.roles import BusAddress, default_endpoints
 from hertzloop.processes.signals import INTERRUPTED
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import parse
@@ -43,9 +41,6 @@ _ENDPOINT = re.compile(
     r"unixsock-stream/\S+|(?:tcp|tls|quic|udp|ws)/[^\s?#]+:[0-9]{1,9}(?:[?#]\S+)?"
 )
 _PORT = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]+)(?:[?#]|$)")
-
-
-Report = Callable[..., None]  # takes the parts of a report by name
 
 
 @run_options_of(PLANT)
@@ -61,8 +56,9 @@ def plant(
 
     It waits for controller and recorder, then runs the scene.
     """
-    setup = prepare.scene_from(scene, settings, seed, law_was_tried=asked.watched)
+    setup = prepare.scene_from(scene, settings, seed)
     prepare.check_pace(setup, options)
+<<<<<<< HEAD
     repeated = repeat_or_fail(read(options.repeat), setup) if options.repeat else None
     if not asked.watched:
         paced = [Work.PACED] if options.pace else []
@@ -85,6 +81,20 @@ def plant(
                 f"Complete: {setup.run.steps:,} steps in {stats['wall_s']:z.3f} s. The "
                 "recorder has the recording."
             )
+=======
+    if options.repeat:
+        repeat_or_fail(read(options.repeat), setup)
+    paced = [Work.PACED] if options.pace else []
+    prepare.compile_first(setup, works=[Work.EXCHANGE, *paced])
+    begin = lambda: _begin(PLANT, f"{setup.scene.name}, {_duration(setup.run.duration_s)}")  # noqa: E731
+    with _on_bus(PLANT, asked) as address:
+        stats = roles.run_plant(setup, address, options, begin)
+    _print_profile(stats)
+    out.say(
+        f"Complete: {setup.run.steps:,} steps in {stats['wall_s']:z.3f} s. The recorder has the "
+        "recording."
+    )
+>>>>>>> 71fe41dd (processes: start roles by multiprocessing, and name the first cause)
 
 
 @run_options_of(CONTROLLER)
@@ -103,13 +113,10 @@ def controller(
     """
     if not anything_compiled():
         prepare.announce_compilation("the controller: about 10 s")
-    with _on_bus(CONTROLLER, asked) as (report, address):
-        begin = lambda: _begin(report, CONTROLLER, asked)  # noqa: E731
-        stats = roles.run_controller(address, options, begin, law)
-        report(done=stats)
-        if not asked.watched:
-            _print_profile(stats)
-            out.say("Complete: the plant has ended the run. The recorder has the recording.")
+    with _on_bus(CONTROLLER, asked) as address:
+        stats = roles.run_controller(address, options, lambda: _begin(CONTROLLER), law)
+    _print_profile(stats)
+    out.say("Complete: the plant has ended the run. The recorder has the recording.")
 
 
 @run_options_of(RECORDER)
@@ -126,19 +133,14 @@ def recorder(
     It writes every stream of a run into one MCAP file.
     """
     outputs.check_recording(out_file, options.overwrite)
-    with _on_bus(RECORDER, asked) as (report, address):
-        begin = lambda: _begin(report, RECORDER, asked)  # noqa: E731
-        stats = roles.run_recorder(out_file, address, options, begin)
-        report(done=stats)
-    if not asked.watched:
-        _print_recorded(out_file)
+    with told_where(out_file), _on_bus(RECORDER, asked) as address:
+        roles.run_recorder(out_file, address, options, lambda: _begin(RECORDER))
+    _print_recorded(out_file)
 
 
-def _begin(report: Report, role: str, asked: BusAddress, what: str = "") -> None:
-    """Report that the roles have met; tell a person that the run begins."""
-    report(ready=True)
-    if not asked.watched:
-        err.say(f"{role}: running{' ' * bool(what)}{what}")
+def _begin(role: str, what: str = "") -> None:
+    """Say that the roles have met, and that the run begins."""
+    err.say(f"{role}: running{' ' * bool(what)}{what}")
 
 
 def _duration(duration_s: float) -> str:
@@ -170,62 +172,20 @@ def _print_recorded(path: Path) -> None:
 
 
 @contextmanager
-def _on_bus(role: str, asked: BusAddress) -> Iterator[tuple[Report, BusAddress]]:
-    """Yield the function that reports to a launcher, and the address where the roles meet.
+def _on_bus(role: str, asked: BusAddress) -> Iterator[BusAddress]:
+    """Yield the address where the roles meet; say that this one waits there for the others.
 
-    The errors of what is inside end the command: see `_reporting`.
+    An interruption ends the command with exit code 130 and a sentence.
     """
-    with _reporting(role, asked.watched) as report:
-        address = _bus_address(role, asked)
-        if not asked.watched:
-            others = " and ".join(other for other in ROLES if other != role)
-            where = ", ".join(address.listen) or f"the endpoints of {address.zenoh_config}"
-            err.print(f"{role} on {where}: waiting for {others}")
-        yield report, address
-
-
-@contextmanager
-def _reporting(role: str, machine: bool) -> Iterator[Report]:
-    """Yield a function that reports to a launcher, and end the command if the role fails.
-
-    A report is one line of JSON on standard output; without a launcher there is none. A failure
-    is reported, or printed for a person; the exit code is then 1, or 130 after an interruption.
-    The report of a failure has these parts:
-
-    - `fault`: one sentence.
-    - `others`: whether another role caused it.
-    - `lost`, `at_s`: the roles that were missing, and when that was noticed.
-
-    Args:
-        role: Role of this process.
-        machine: Whether a launcher reads the reports.
-    """
-
-    def report(**parts: object) -> None:
-        if machine:
-            with suppress(BrokenPipeError):  # the launcher is gone
-                # In one call with the line's end, since several threads report.
-                print(json.dumps(parts) + "\n", end="", flush=True)
-
-    if machine:
-        roles.end_with_the_launcher()
+    address = _bus_address(role, asked)
+    others = " and ".join(other for other in ROLES if other != role)
+    where = ", ".join(address.listen) or f"the endpoints of {address.zenoh_config}"
+    err.print(f"{role} on {where}: waiting for {others}")
     try:
-        yield report
+        yield address
     except KeyboardInterrupt as error:
-        sentence = str(error) or f"{role} was interrupted"
-        report(fault=sentence)
-        if not machine:
-            err.print(sentence)
+        err.print(str(error) or f"{role} was interrupted")
         raise typer.Exit(INTERRUPTED) from None
-    except (BusError, StreamFault, RecordingError) as error:
-        missing: dict[str, object] = {}
-        if isinstance(error, PeerLost):
-            missing = {"lost": list(error.roles), "at_s": error.at_s}
-        others = isinstance(error, PeerLost | EndedByOther)
-        report(fault=str(error), others=others, **missing)
-        if not machine:
-            fail(str(error), 1)
-        raise typer.Exit(1) from None
 
 
 def _bus_address(role: str, asked: BusAddress) -> BusAddress:
@@ -265,20 +225,6 @@ def _check_port(named: str, endpoint: str) -> None:
     match = _PORT.search(endpoint)
     if match and int(match["port"]) > LARGEST_PORT:
         fail(f"{named} has no port up to {LARGEST_PORT}")
-
-
-def _progress_reporter(report: Report) -> Callable[[int], None]:
-    """Return a function that reports the step, at most ten times a second."""
-    last_s = 0.0
-
-    def report_step(step: int) -> None:
-        nonlocal last_s
-        now_s = time.monotonic()
-        if now_s - last_s > 0.1:
-            last_s = now_s
-            report(step=step)
-
-    return report_step
 
 
 def _print_profile(stats: dict[str, Any]) -> None:

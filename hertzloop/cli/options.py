@@ -41,7 +41,6 @@ EXPERT = "Expert options"  # heading of those that few runs need
 
 # Where one process of a run meets the others: the fields of a BusAddress.
 ConnectOption = Annotated[list[str] | None, typer.Option(help="Connect to this endpoint.")]
-MachineOption = Annotated[bool, typer.Option("--machine", hidden=True)]  # given by a launcher
 _OF_ADDRESS = {
     "listen": Annotated[list[str] | None, typer.Option(help="Listen on this endpoint.")],
     "connect": ConnectOption,
@@ -58,7 +57,6 @@ _OF_ADDRESS = {
             help="Stop waiting for other processes to appear after this time, s.",
         ),
     ],
-    "watched": MachineOption,
 }
 
 Command = Callable[..., None]

@@ -1,10 +1,8 @@
 """The command `run`."""
 
-import os
-import secrets
 import time
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.text import Text
 
-from hertzloop.bus.sockets import on_loopback, own_endpoints
+from hertzloop.bus.sockets import on_loopback
 from hertzloop.cli import outputs, prepare
 from hertzloop.cli.options import (
     EXPERT,
@@ -27,14 +25,14 @@ from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import fail, if_interrupted, out, progress
 from hertzloop.cli.unused_options import check_unused
 from hertzloop.loop.run_options import USES, RunOptions, Transport, check_transport
-from hertzloop.processes import fork_server
+from hertzloop.processes.launcher import Launcher
 from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
 from hertzloop.processes.record import what_is_kept
 from hertzloop.recordings.reader import read
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.run_report import RunReport
 from hertzloop.results.verification import check_verifiable
-from hertzloop.scene.controller import check_buildable, loaded_law
+from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup
 from hertzloop.views.format import unwrapped
@@ -81,7 +79,7 @@ def run(
     setup, recording = _checked(options, scene, settings or [], seed, out_file)
     outputs.check_json(json_file, recording)
     prepare.compile_first(setup, works=RUN if options.pace is None else [*RUN, Work.PACED])
-    with _meeting(options, port, live) as met:
+    with _meeting(options, port) as met:
         report = _run(setup, recording, met, live)
     linear_loop, warning = _linear_loop(setup, has_own_controller=options.controller is not None)
     data = run_as_json(report) | {"linear_loop": linear_loop}
@@ -116,40 +114,38 @@ def _checked(
 def _run(setup: Setup, recording: Path, options: RunOptions, live: bool) -> RunReport:
     """Run and record the scene, with a progress bar, and with a viewer if it is live."""
     started_s = time.time()
-    if options.transport is Transport.ZENOH:
-        check_buildable(setup)  # so that the roles inherit what it loads
-        fork_server.prepare()  # before anything starts a thread
-    with (
-        if_interrupted(lambda: what_is_kept(recording, started_s)),
-        _viewer(options) if live else nullcontext(),
-        progress(setup.scene.name, setup.run.steps) as advance,
-    ):
-        return run_and_assess(setup, recording, options, advance)
+
+    @contextmanager
+    def shown(launcher: Launcher | None) -> Iterator[Callable[[int], None]]:
+        with (
+            _viewer(launcher) if launcher and live else nullcontext(),
+            progress(setup.scene.name, setup.run.steps) as advance,
+        ):
+            yield advance
+
+    with if_interrupted(lambda: what_is_kept(recording, started_s)):
+        return run_and_assess(setup, recording, options, shown)
 
 
 @contextmanager
-def _meeting(options: RunOptions, port: int | None, live: bool) -> Iterator[RunOptions]:
+def _meeting(options: RunOptions, port: int | None) -> Iterator[RunOptions]:
     """Yield the run's options with the endpoints and the name that others have to know."""
-    endpoints, name = options.endpoints, options.name
-    with ExitStack() as stack:
-        if options.controller:
-            endpoints = stack.enter_context(meeting_endpoints(options.controller, port))
-            name = name_on_bus(options.controller, name)
-        elif port:
-            endpoints = on_loopback([port, port + 1, port + 2])
-        if live:
-            endpoints = endpoints or stack.enter_context(own_endpoints())
-            name = name or f"live-{os.getpid()}-{secrets.token_hex(4)}"
-        yield options.model_copy(update={"endpoints": endpoints, "name": name})
+    if options.controller:
+        name = name_on_bus(options.controller, options.name)
+        with meeting_endpoints(options.controller, port) as endpoints:
+            yield options.model_copy(update={"endpoints": endpoints, "name": name})
+    elif port:
+        endpoints = on_loopback([port, port + 1, port + 2])
+        yield options.model_copy(update={"endpoints": endpoints})
+    else:
+        yield options
 
 
-def _viewer(options: RunOptions) -> AbstractContextManager[None]:
-    """Show the run in a viewer while the context lasts."""
+def _viewer(launcher: Launcher) -> AbstractContextManager[None]:
+    """Show a run in a viewer while the context lasts."""
     from hertzloop.processes.observer import observer_beside  # imports zenoh, 5 ms
 
-    assert options.name is not None
-    assert options.endpoints is not None
-    return observer_beside(options.name, options.endpoints)
+    return observer_beside(launcher.name, launcher.endpoints)
 
 
 def _linear_loop(

@@ -14,7 +14,7 @@ from hertzloop.bus.port import PeerLost
 from hertzloop.bus.sockets import reserved_ports
 from hertzloop.cli import outputs
 from hertzloop.cli.node import check_endpoints
-from hertzloop.cli.options import ConnectOption, MachineOption, OverwriteOption, run_options
+from hertzloop.cli.options import ConnectOption, OverwriteOption, run_options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.loop.run_options import RunOptions
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def watch(
     options: RunOptions,
     connect: ConnectOption = None,
-    machine: MachineOption = False,
+    machine: Annotated[bool, typer.Option("--machine", hidden=True)] = False,  # of `run --live`
     save: Annotated[
         Path | None, typer.Option(metavar="F.rrd", help="Write an .rrd file instead.")
     ] = None,

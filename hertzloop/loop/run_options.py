@@ -85,8 +85,8 @@ class Use(NamedTuple):
 class RunOptions(BaseModel):
     """How to run a scene. Except for `pace`, nothing here changes a sample.
 
-    The options of `hertzloop run` and `hertzloop node`, the keywords of `hertzloop.run` and what
-    the launcher passes on to a role are made of these fields.
+    The options of `hertzloop run` and `hertzloop node` and the keywords of `hertzloop.run` are made
+    of these fields.
 
     Raises:
         OptionError: A value is out of its range, the name cannot be part of a key on the bus, the
@@ -202,19 +202,6 @@ class RunOptions(BaseModel):
                     f"{self.pace:g}, which does not wait for forces. Remove one of the two."
                 )
         return self
-
-    def words(self, role: str) -> list[str]:
-        """Return the words that pass these options on to `hertzloop node ROLE`."""
-        found = []
-        for name, use in USES.items():
-            value, flag = getattr(self, name), flag_of(name)
-            if role not in use.roles or value is None:
-                continue
-            if not isinstance(value, bool):
-                found.append(f"{flag}={value}")
-            elif value or "/" in flag:
-                found.append(flag.split("/")[0 if value else 1])
-        return found
 
 
 USES = {

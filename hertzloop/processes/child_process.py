@@ -1,61 +1,233 @@
-"""A process of a run, as its launcher sees it."""
+"""A process of a run: how it is started, what it reports, and which one is the cause of a failure.
 
+A role is a fork of the launcher, which has imported everything and built the scene's parts. A
+process with several threads cannot be forked safely: then a role is started afresh (spawned).
+"""
+
+import gc
+import multiprocessing
+import os
+import select
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from signal import Signals
-from typing import Any
+from types import ModuleType
+from typing import Any, NoReturn
 
-from hertzloop.processes import fork_server
-from hertzloop.processes.signals import INTERRUPTED
+from setproctitle import setproctitle
+
+from hertzloop.bus.port import BusError, EndedByOther, PeerLost
+from hertzloop.bus.streams import CONTROLLER, StreamFault
+from hertzloop.processes.program import Program
+from hertzloop.processes.signals import INTERRUPTED, end_with_parent, install_handlers
+from hertzloop.recordings.writer import RecordingError
+
+Report = Callable[..., None]  # takes the parts of a report by name
 
 
 @dataclass
+class Fault:
+    """Why a role has ended, in a sentence.
+
+    Attributes:
+        others: Whether another role is the reason.
+        lost: Roles that it has missed.
+        at_s: When it noticed, by a clock that all processes of a host share.
+    """
+
+    sentence: str
+    others: bool = False
+    lost: tuple[str, ...] = ()
+    at_s: float = field(default_factory=time.monotonic)
+
+
+@dataclass(eq=False)
 class ChildProcess:
     """A process of a run, and what it has reported.
 
     Attributes:
         role: Its role in the run.
-        process: The process.
+        process: The process, or the program of the user's that plays the role.
         stderr: File with its standard error.
-        program: Its command line, if it is the user's own. It then reports nothing but its end.
+        reports: Where its reports come from; None for a program.
         ready: Whether it takes part in the run.
-        fault: Why it has failed, in a sentence.
-        others: Whether the fault is that of another role.
-        lost: Roles that it has lost.
-        at_s: When it noticed that it had lost them.
+        fault: Why it has ended, as it says.
         done: Its result, once it has done its part.
+        code: Its exit code, once it has ended; negative for a signal.
     """
 
     role: str
-    process: fork_server.Role
+    process: BaseProcess | Program
     stderr: Path
-    program: str = ""
+    reports: Connection | None = None
     ready: bool = False
-    fault: str = ""
-    others: bool = False
-    lost: list[str] = field(default_factory=list)
-    at_s: float = 0.0
+    fault: Fault | None = None
     done: dict[str, Any] = field(default_factory=dict)
+    code: int | None = None
+
+    @property
+    def failed(self) -> bool:
+        """Whether it has ended before its part was done."""
+        return self.code is not None and not self.done
+
+    @property
+    def running(self) -> bool:
+        """Whether its part is neither done nor given up."""
+        return self.code is None and not self.done
 
     def own_reason(self) -> str:
         """Return why it failed, if for a reason of its own; "" if another role was the reason."""
-        code = self.process.returncode
-        assert code is not None  # it has ended
-        if self.fault and code >= 0:
-            return "" if self.others else self.fault
-        if how := exit_reason(code):
-            return f"{self.named} {how}"
+        assert self.code is not None  # it has ended
+        if self.fault and self.code >= 0:
+            return "" if self.fault.others else self.fault.sentence
+        if self.code < 0:
+            return f"{self.named} was killed by {signal.Signals(-self.code).name}"
+        if self.code == INTERRUPTED:
+            return f"{self.named} was interrupted"
         lines = self.stderr.read_text(errors="replace").strip().splitlines() or ["no message"]
-        return f"{self.named} failed with exit code {code}: {lines[-1]}"
+        return f"{self.named} failed with exit code {self.code}: {lines[-1]}"
 
     @property
     def named(self) -> str:
         """The role, with its command line if that is the user's own."""
-        return f"{self.role} ('{self.program}')" if self.program else self.role
+        return f"{self.role} ('{self.process}')" if isinstance(self.process, Program) else self.role
 
 
-def exit_reason(code: int) -> str:
-    """Return how a signal ended a process, by its exit code; "" if none did."""
-    if code < 0:
-        return f"was killed by {Signals(-code).name}"
-    return "was interrupted" if code == INTERRUPTED else ""
+def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
+    """Return the sentence that explains why a run failed.
+
+    A process that failed for a reason of its own explains it: one that was killed, then the first
+    that reports a fault. For example, if the controller is killed and plant and recorder report
+    that they lost it, the cause is "controller was killed by SIGKILL". If no process has a reason
+    of its own, the first that missed another one explains it; that one hangs if it still runs.
+
+    Args:
+        children: The processes of the run.
+        law: Name of the law, if it is not a shipped one. It may hang.
+    """
+    failed = sorted(
+        (child for child in children if child.failed),
+        key=lambda child: child.fault.at_s if child.fault else 0.0,
+    )
+    # A program of the user's exits with a code of its own after it was told of a fault.
+    for child in sorted(failed, key=lambda c: (isinstance(c.process, Program), (c.code or 0) >= 0)):
+        if reason := child.own_reason():
+            told = [one.fault for one in failed if one.fault and one.fault.others]
+            # What it says on the bus tells more than how it then exits.
+            if isinstance(child.process, Program) and not any(fault.lost for fault in told):
+                return next((fault.sentence for fault in told), reason)
+            return reason
+    faults = [child.fault for child in failed if child.fault]
+    first = next((fault for fault in faults if fault.lost), faults[0])
+    if hung := [child.role for child in children if child.running and child.role in first.lost]:
+        hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
+        return not_responding(hung, first.sentence, hangs if CONTROLLER in hung else "")
+    return first.sentence
+
+
+def not_responding(roles: Iterable[str], how: str, why: str = "") -> str:
+    """Return the sentence on roles that do not respond: how this was noticed, and perhaps why."""
+    named = sorted(roles)
+    verb = "does" if len(named) == 1 else "do"
+    return f"{' and '.join(named)} {verb} not respond{why}; {how}"
+
+
+def start_role(
+    role: str, stderr: Path, title: str, work: Callable[..., dict[str, Any]], *arguments: object
+) -> ChildProcess:
+    """Start a process that calls `work(report, *arguments)` and reports what that returns.
+
+    Call it while the ending signals are `deferred`: the process lets them in once it is ready.
+
+    Args:
+        role: Its role in the run.
+        stderr: File that takes its standard error.
+        title: How the system lists it.
+        work: A function of a module.
+        arguments: What can be sent to another process.
+
+    Raises:
+        BusError: this process may have no children.
+        OSError: the system refuses another process.
+    """
+    if multiprocessing.current_process().daemon:
+        raise BusError(
+            "a worker of multiprocessing.Pool cannot start the processes of a run. Use "
+            "concurrent.futures, or transport = 'compiled'"
+        )
+    alone = len(os.listdir("/proc/self/task")) == 1  # no thread, be it of Python or not
+    context = multiprocessing.get_context("fork" if alone else "spawn")
+    reports, theirs = context.Pipe(duplex=False)
+    whole = (os.getpid(), stderr, title, theirs, work, *arguments)
+    process = context.Process(target=_be_role, args=whole, name=role, daemon=True)  # type: ignore[attr-defined]
+    with nullcontext() if alone else _without_main():
+        process.start()
+    theirs.close()
+    return ChildProcess(role, process, stderr, reports)
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Let a process that is spawned not import the user's script, which may start a run itself."""
+    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+def _be_role(
+    parent: int, stderr: Path, title: str, reports: Connection, work: Any, *arguments: object
+) -> NoReturn:
+    """Do the work of a role in this process, report what came of it, and end the process."""
+    code = 1
+
+    def report(**parts: object) -> None:
+        # How far it is may be left out while the launcher is stopped; the rest is little.
+        if "step" not in parts or select.select([], [reports], [], 0.0)[1]:
+            reports.send(parts)
+
+    try:
+        _settle(parent, stderr, title)
+        report(done=work(report, *arguments))
+        code = 0
+    except KeyboardInterrupt as error:
+        report(fault=Fault(str(error) or f"{title.split()[1]} was interrupted"))
+        code = INTERRUPTED
+    except (BusError, StreamFault, RecordingError) as error:
+        lost = error.roles if isinstance(error, PeerLost) else ()
+        at_s = error.at_s if isinstance(error, PeerLost) else time.monotonic()
+        others = isinstance(error, PeerLost | EndedByOther)
+        report(fault=Fault(str(error), others, lost, at_s))
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(code)  # at once: zenoh's threads may still call Python, which then aborts
+
+
+def _settle(parent: int, stderr: Path, title: str) -> None:
+    """Make this process one of its own: it ends with its launcher, and Ctrl-C in the launcher's
+    terminal does not reach it, since the launcher ends the roles in order."""
+    os.setsid()
+    end_with_parent()
+    if os.getppid() != parent:
+        os._exit(1)
+    with open(os.devnull, "r+b") as nothing, stderr.open("wb") as errors:
+        for number, file in enumerate((nothing, nothing, errors)):
+            os.dup2(file.fileno(), number)
+    # The caller may have replaced them, as pytest and notebooks do.
+    sys.stdin, sys.stdout = open(0), open(1, "w")  # noqa: SIM115
+    sys.stderr = open(2, "w", buffering=1)  # noqa: SIM115
+    setproctitle(title)
+    gc.freeze()  # the pages of what was loaded before a fork stay shared
+    signal.set_wakeup_fd(-1)
+    install_handlers()
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())

@@ -1,13 +1,18 @@
 """A controller that is a program of the user's: its command line, and where it meets the run."""
 
+import os
 import shlex
 import shutil
+import signal
+import subprocess
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback, reserved_ports
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.loop.run_options import OptionError
+from hertzloop.processes.signals import end_with_parent
 
 BASE_PORT = 7450  # plant's; controller and recorder have the next two
 LARGEST_PORT = 65535
@@ -59,3 +64,45 @@ def meeting_endpoints(command: str, first_port: int | None) -> Iterator[list[str
         return
     first = first_port or BASE_PORT
     yield on_loopback(range(first, first + 3))
+
+
+class Program:
+    """A program of the user's that runs, with what a launcher needs of a `multiprocessing` process.
+
+    It ends with the launcher. Its standard output is for people, and is dropped.
+    """
+
+    def __init__(self, command: str, words: Sequence[str], stderr: Path) -> None:
+        """Start a `command`, filled in as `words`. Raises OSError.
+
+        `stderr` is the file that takes its standard error.
+        """
+        self._command = command
+        with stderr.open("w") as errors:
+            self._process = subprocess.Popen(
+                words,
+                stdin=subprocess.PIPE,  # never written to
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,
+                preexec_fn=end_with_parent,
+            )
+
+    def __str__(self) -> str:
+        return self._command
+
+    @property
+    def exitcode(self) -> int | None:
+        """Its exit code, negative for a signal; None while it runs."""
+        return self._process.poll()
+
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self._process.terminate()
+
+    def kill(self) -> None:
+        """End it, with what a shell has started for it."""
+        assert self._process.stdin
+        self._process.stdin.close()
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)

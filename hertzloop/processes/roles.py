@@ -1,11 +1,10 @@
 """The three processes of a run over zenoh, each as one function: role, port, loop, end.
 
-Every function returns statistics for the launcher, or raises BusError, StreamFault, RecordingError
-or Interrupted with one sentence.
+Every function returns statistics of its part, or raises BusError, StreamFault, RecordingError or
+Interrupted with one sentence.
 """
 
 import os
-import signal
 import sys
 import threading
 import time
@@ -16,16 +15,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost
-from hertzloop.bus.sockets import mesh_endpoints, on_loopback, remove_folder_of
+from hertzloop.bus.sockets import mesh_endpoints, on_loopback
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.common.sanitize import visible
 from hertzloop.loop import watchdog
-from hertzloop.loop.repeated_run import RepeatedRun
+from hertzloop.loop.repeated_run import repeated_run
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.program import BUS_NAME
 from hertzloop.processes.realtime import RealtimeProfile, Wanted
 from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
+from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.setup import Setup
@@ -38,9 +38,9 @@ _COMPLETION_S = 60.0  # for the recorder to close its file, at least
 # For an interrupted role to end in order, before the launcher kills it, and for the controller to
 # leave.
 _PATIENCE_S = 4.0
-# Controller and recorder wait longer than the plant, which all others wait for: so it can name who
-# has kept it from going on before they miss it.
-_LONGER = 1.5
+# The controller waits longer than the plant, and the recorder still longer, in timeouts: a role
+# that is kept from going on can say so before the others miss it.
+_LONGER, _LONGEST = 1.5, 2.0
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,6 @@ class BusAddress:
         connect: Endpoints to connect to.
         zenoh_config: A zenoh configuration, as a JSON5 file.
         wait_s: Longest wait for the other processes to appear, s.
-        watched: Whether a launcher watches the process, and ends the run if it does not react.
         on_open: Called once others can connect.
     """
 
@@ -60,7 +59,6 @@ class BusAddress:
     connect: Sequence[str] = ()
     zenoh_config: Path | None = None
     wait_s: float = 60.0
-    watched: bool = False
     on_open: Callable[[], None] = lambda: None
 
     def open(self, role: str, options: RunOptions) -> ZenohPort:
@@ -69,21 +67,6 @@ class BusAddress:
         port = ZenohPort(role, options.name or BUS_NAME, *where, options.timeout_s)
         self.on_open()
         return port
-
-
-_launcher_gone = threading.Event()
-
-
-def end_with_the_launcher() -> None:
-    """End this process as a signal would when its standard input ends: its launcher is gone."""
-
-    def wait() -> None:
-        while os.read(0, 1):
-            pass
-        _launcher_gone.set()
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=wait, daemon=True).start()
 
 
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
@@ -106,13 +89,8 @@ def _joined(address: BusAddress, role: str, options: RunOptions) -> Iterator[Zen
     opened_s = time.monotonic()
     port = address.open(role, options)
 
-    def tidy_up() -> None:
-        if _launcher_gone.is_set():  # it was killed, and cannot
-            remove_folder_of(address.listen)
-
     def exit_now() -> None:
         _say(f"{role} was interrupted, and left before its part was complete")
-        tidy_up()
         os._exit(INTERRUPTED)
 
     overdue = threading.Timer(_PATIENCE_S, exit_now)
@@ -146,7 +124,6 @@ def _joined(address: BusAddress, role: str, options: RunOptions) -> Iterator[Zen
         finally:
             port.close()
             overdue.cancel()
-            tidy_up()
 
 
 def run_plant(
@@ -155,14 +132,14 @@ def run_plant(
     options: RunOptions,
     on_ready: Callable[[], None] = lambda: None,
     on_progress: Callable[[int], None] = lambda step: None,
-    repeat: RepeatedRun | None = None,
 ) -> dict[str, Any]:
-    """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a `repeat`
-    of another run, or at a pace; says how fast that went."""
+    """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a repeat of
+    a recorded run, or at a pace; says how fast that went."""
     from hertzloop.loop.paced import PacedPlantNode
     from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
     from hertzloop.loop.plant_streams import EVERY_S
 
+    repeat = repeated_run(read(options.repeat)) if options.repeat else None
     profile = RealtimeProfile(Wanted(options.realtime), PLANT)
     with _joined(address, PLANT, options) as port:
         every_s = 0.0 if options.pace else EVERY_S
@@ -290,7 +267,7 @@ def run_recorder(
                         _hear_scene(port, recorder)
                         raise
                     if envelope.stream in ("force", "end/controller", "end/plant"):
-                        patience_s = _LONGER * options.timeout_s
+                        patience_s = _LONGEST * options.timeout_s
                     if envelope.stream.startswith("end/"):
                         port.liveliness.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()

@@ -1,10 +1,12 @@
 """Run and record a scene, then assess the run against the same run without control."""
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from hertzloop.loop.run_options import RunOptions
-from hertzloop.processes.record import record
+from hertzloop.processes.launcher import Launcher
+from hertzloop.processes.record import Progress, record, unseen
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
@@ -26,7 +28,7 @@ def run_and_assess(
     setup: Setup,
     recording: Path,
     options: RunOptions,
-    on_progress: Callable[[int], None] = lambda step: None,
+    shown: Callable[[Launcher | None], AbstractContextManager[Progress]] = unseen,
 ) -> RunReport:
     """Run and record a scene, and assess the run.
 
@@ -34,7 +36,7 @@ def run_and_assess(
         setup: The setup of the run.
         recording: The MCAP file to write.
         options: Transport, pace, and what to check afterwards.
-        on_progress: Called with the number of finished steps.
+        shown: Shows the run while it lasts; see `record`.
 
     Returns:
         The recorded run with its metrics, compared with the same run without control.
@@ -43,7 +45,7 @@ def run_and_assess(
         RecordingError: The recording is incomplete, or another run has replaced it.
         RunFailed: A process failed. The other errors of `record` pass, too.
     """
-    stats = record(setup, recording, options, on_progress)
+    stats = record(setup, recording, options, shown)
     if not recording.exists():
         raise RecordingRemoved(
             f"{recording} was removed or renamed while the run wrote it, so its recording is gone. "

@@ -12,10 +12,9 @@ import pytest
 from hertzloop.bus import sockets
 from hertzloop.bus.sockets import (
     LOOPBACK,
-    own_endpoints,
     own_folder,
-    remove_folder_of,
     reserved_ports,
+    run_folder,
     too_long,
 )
 from hertzloop.bus.streams import PLANT
@@ -35,8 +34,8 @@ def temporary(monkeypatch):
 
 
 def test_a_folder_that_only_its_user_enters_and_that_goes(temporary):
-    with own_endpoints() as endpoints:
-        [folder] = temporary.iterdir()
+    with run_folder() as (folder, endpoints):
+        assert [folder] == list(temporary.iterdir())
         assert endpoints == [f"{KIND}{folder}/{number}" for number in range(3)]
         assert folder.stat().st_mode & 0o777 == 0o700
         port = ZenohPort(PLANT, "own", endpoints[:1])
@@ -55,17 +54,14 @@ def test_a_folder_that_cannot_hold_sockets_is_passed_over(temporary, monkeypatch
     if runtime != "unset":
         monkeypatch.setenv("XDG_RUNTIME_DIR", str(temporary))
     parent = temporary if runtime == "set" else "/tmp"
-    with own_endpoints() as endpoints:
-        assert all(url.startswith(f"{KIND}{parent}/hertzloop-bus-") for url in endpoints)
+    with run_folder() as (_, endpoints):
+        assert all(url.startswith(f"{KIND}{parent}/hertzloop-run-") for url in endpoints)
         assert not list(unfit.iterdir())
 
 
 def test_loopback_where_there_is_no_other_way(temporary, monkeypatch):
-    def refuse(*_: object, **__: object) -> str:
-        raise PermissionError
-
-    monkeypatch.setattr(sockets.tempfile, "mkdtemp", refuse)
-    with own_endpoints() as endpoints:
+    monkeypatch.setattr(sockets, "too_long", lambda _: True)
+    with run_folder() as (_, endpoints):
         assert len({url.rpartition(":")[2] for url in endpoints}) == 3
         assert all(url.startswith("tcp/127.0.0.1:") for url in endpoints)
 
@@ -84,7 +80,7 @@ def test_the_longest_path_is_one_that_binds(temporary):
 
 
 def test_what_a_killed_process_left_goes_with_the_next_run(temporary):
-    left, used, young, others = (temporary / f"hertzloop-bus-{name}" for name in "abcd")
+    left, used, young, others = (temporary / f"hertzloop-run-{name}" for name in "abcd")
     for folder in (left, used, young, others):
         folder.mkdir()
         (folder / "0").write_text("")
@@ -94,7 +90,7 @@ def test_what_a_killed_process_left_goes_with_the_next_run(temporary):
     handle = os.open(used, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_SH)
-        with own_endpoints():
+        with run_folder():
             kept = {folder.name for folder in temporary.iterdir()}
     finally:
         os.close(handle)
@@ -109,15 +105,6 @@ def test_the_folder_of_a_long_run_outlives_the_start_of_another(temporary):
         with own_folder() as other:
             assert {str(path) for path in temporary.iterdir()} == {folder, other}
     assert not list(temporary.iterdir())
-
-
-def test_only_an_empty_folder_of_ours_is_removed(temporary):
-    ours, full, theirs = (temporary / name for name in ("hertzloop-bus-1", "hertzloop-bus-2", "x"))
-    for folder in (ours, full, theirs):
-        folder.mkdir()
-    (full / "1").write_text("")
-    remove_folder_of([f"{KIND}{folder}/0" for folder in (ours, full, theirs)] + ["tcp/127.0.0.1:1"])
-    assert sorted(temporary.iterdir()) == [full, theirs]
 
 
 def test_who_knows_them_listens_on_them_again_and_again():

@@ -1,14 +1,13 @@
 """A short series of faults in runs, and what judges them; long ones: see `tests.faults.runs`."""
 
 import tempfile
+from multiprocessing import Process
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
-from hertzloop.processes.child_process import ChildProcess
-from hertzloop.processes.failure_cause import failure_cause
+from hertzloop.processes import child_process
+from hertzloop.processes.child_process import ChildProcess, failure_cause
 from tests.faults.inflict import (
     CLOSED,
     LAUNCHER,
@@ -69,36 +68,34 @@ def test_a_wrong_cause_is_found(victim, how, code, said, wrong):
 
 
 def ended(
-    role: str, fault: str, *lost: str, others: bool = True, at_s: float = 0.0
+    role: str, sentence: str, *lost: str, others: bool = True, at_s: float = 0.0
 ) -> ChildProcess:
-    process: Any = SimpleNamespace(returncode=1)
-    found = {"fault": fault, "others": others, "lost": list(lost), "at_s": at_s}
-    return ChildProcess(role, process, Path("none"), ready=True, **found)
+    fault = child_process.Fault(sentence, others, lost, at_s)
+    return ChildProcess(role, Process(name=role), Path("none"), ready=True, fault=fault, code=1)
+
+
+def cause(*failed: ChildProcess, running: tuple[str, ...] = ()) -> str:
+    going = [ChildProcess(role, Process(name=role), Path("none")) for role in running]
+    return failure_cause([*failed, *going])
 
 
 def test_who_gave_up_is_not_to_blame_for_leaving():
     """The controller paused for longer than the others wait, and lives again."""
-    recorder = ended("recorder", "nothing from plant and controller", "plant", "controller")
-    plant = ended("plant", "nothing from the controller", "controller")
-    deceived = ended("plant", "the recorder left", "recorder")
-    awake = ended("controller", "the plant left", "plant")
+    plant = ended("plant", "nothing from the controller", "controller", at_s=1.0)
+    recorder = ended("recorder", "nothing came", "plant", "controller", at_s=2.0)
+    awake = ended("controller", "the plant left", "plant", at_s=2.5)
+    told = ended("controller", "the plant ended the run", at_s=0.5)
+    assert cause(recorder, plant, awake) == "nothing from the controller"
+    assert cause(told, plant, recorder) == "nothing from the controller"
+    assert cause(told) == "the plant ended the run"
+    own = ended("controller", "its own", others=False, at_s=3.0)
+    assert cause(recorder, plant, own) == "its own"
+    own.code = -9
+    assert cause(recorder, plant, own) == "controller was killed by SIGKILL"
+
+
+def test_a_role_that_does_not_react_hangs():
+    blocked = ended("plant", "nobody took a message", "recorder")
     told = ended("controller", "the plant ended the run")
-    assert failure_cause([recorder, plant, awake], set()) == plant.fault
-    assert failure_cause([plant, recorder, told], set()) == plant.fault
-    assert failure_cause([told, plant, recorder], set()) == plant.fault
-    assert failure_cause([recorder, deceived, awake], set()) == recorder.fault
-    assert failure_cause([told], set()) == told.fault
-    # The recorder paused; the plant waited for it, and the controller for the plant.
-    waits = ended("controller", "nothing from the plant", "plant")
-    blocked = ended("plant", "the recorder took nothing", "recorder")
-    awake = ended("recorder", "the controller left", "controller")
-    assert failure_cause([waits, blocked, awake], set()) == blocked.fault
-    # The same, but the plant says nothing.
-    named = failure_cause([waits], {"plant", "recorder"})
-    assert named == f"plant does not respond; {waits.fault}"
-    # The same, but who wakes up late ends first.
-    blocked = ended("plant", "the recorder took nothing", "recorder", at_s=2.0)
-    awake = ended("recorder", "the plant left", "plant", at_s=2.5)
-    assert failure_cause([awake, blocked], set()) == blocked.fault
-    own = ended("controller", "its own", others=False)
-    assert failure_cause([recorder, plant, own], set()) == own.fault
+    hung = cause(blocked, told, running=("recorder",))
+    assert hung == "recorder does not respond; nobody took a message"

@@ -1,25 +1,34 @@
 """The launcher waits for nobody without end, whatever a process of the run does."""
 
+import multiprocessing
+import os
 import signal
-import subprocess
-import sys
 import threading
+import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import launcher as launchers
-from hertzloop.processes.child_process import ChildProcess
+from hertzloop.processes.child_process import Report, start_role
 from hertzloop.processes.launcher import Launcher, RunFailed
+from hertzloop.processes.signals import deferred
 from tests.hertzloop.commands import EVENTUALLY_S
 from tests.hertzloop.short_runs import scene
 
-# Programs that report one thing each.
-DONE = "say({'done': {'wall_s': 0.0}})"
-STAYS = "say({'ready': True}); time.sleep(600)"
-SAY = "import json, time\ndef say(report): print(json.dumps(report), flush=True)\n"
+
+def does(report: Report, *wanted: str) -> dict[str, Any]:
+    """Be ready, stay, or both."""
+    if "ready" in wanted:
+        report(ready=True)
+    if "done" in wanted:
+        report(done={"wall_s": 0.0})
+    if "stays" in wanted:
+        time.sleep(600)
+    return {"wall_s": 0.0}
 
 
 @pytest.fixture(autouse=True)
@@ -31,54 +40,60 @@ def bounded():
     timer.cancel()
 
 
-def waiting_for(folder: Path, programs: dict[str, str]) -> Launcher:
-    """A launcher with these programs as its processes."""
-    launcher = Launcher(scene(), folder / "run.mcap", RunOptions(timeout_s=0.1), wait_s=0.1)
-    for role, program in programs.items():
-        process = subprocess.Popen(
-            [sys.executable, "-c", SAY + program],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        child = ChildProcess(role, process, folder / role)
-        launcher.children.append(child)
-        threading.Thread(target=launcher._listen, args=(child,), daemon=True).start()
+def waiting_for(
+    folder: Path, works: dict[str, tuple[str, ...]], silence_s: float = EVENTUALLY_S
+) -> Launcher:
+    """A launcher whose processes do this."""
+    launcher = Launcher(scene(), folder / "run.mcap", RunOptions())
+    launcher._silence_s = silence_s
+    with deferred():
+        for role, wanted in works.items():
+            title = f"hertzloop {role}"
+            launcher.children.append(start_role(role, folder / role, title, does, *wanted))
     return launcher
 
 
 @pytest.mark.parametrize(
-    ("patience", "programs", "sentence"),
+    ("silence_s", "works", "sentence"),
     [
         (
-            {"_LEAVE_S": 0.5},
-            {PLANT: STAYS, CONTROLLER: DONE, RECORDER: DONE},
+            EVENTUALLY_S,
+            {PLANT: ("ready", "stays"), CONTROLLER: (), RECORDER: ()},
             "^plant does not respond; the others had ended",
         ),
-        pytest.param(
-            {},
-            dict.fromkeys(ROLES, STAYS),
+        (
+            0.5,
+            dict.fromkeys(ROLES, ("ready", "stays")),
             "^controller and plant and recorder do not respond; the launcher has received nothing",
-            marks=pytest.mark.full,
         ),
     ],
 )
-def test_one_that_does_not_end_is_named(patience, programs, sentence, tmp_path, monkeypatch):
-    for name, seconds in patience.items():
-        monkeypatch.setattr(launchers, name, seconds)
-    launcher = waiting_for(tmp_path, programs)
+def test_one_that_does_not_end_is_named(silence_s, works, sentence, tmp_path, monkeypatch):
+    monkeypatch.setattr(launchers, "_LEAVE_S", 2.0)
+    launcher = waiting_for(tmp_path, works, silence_s)
     try:
         with pytest.raises(RunFailed, match=sentence):
             launcher.wait()
     finally:
         launcher._end_all()
-    assert all(child.process.poll() is not None for child in launcher.children)
+    assert not multiprocessing.active_children()
 
 
 def test_processes_of_roles_that_are_done_keep_nobody(tmp_path):
-    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, DONE + "; time.sleep(600)"))
+    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, ("done", "stays")))
     try:
         launcher.wait()
     finally:
         launcher._end_all()
-    assert all(child.process.poll() is not None for child in launcher.children)
+    assert not multiprocessing.active_children()
+
+
+def test_a_process_with_threads_starts_its_roles_afresh(tmp_path):
+    """A fork would copy locks that another thread holds."""
+    threads = len(os.listdir("/proc/self/task"))
+    assert threads > 1  # of the timer
+    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, ()))
+    try:
+        assert launcher.wait()["busy_s"] == {}
+    finally:
+        launcher._end_all()
