@@ -58,30 +58,6 @@ def plant(
     """
     setup = prepare.scene_from(scene, settings, seed)
     prepare.check_pace(setup, options)
-<<<<<<< HEAD
-    repeated = repeat_or_fail(read(options.repeat), setup) if options.repeat else None
-    if not asked.watched:
-        paced = [Work.PACED] if options.pace else []
-        prepare.compile_first(setup, works=[Work.EXCHANGE, *paced])
-    with _on_bus(PLANT, asked) as (report, address):
-        stats = roles.run_plant(
-            setup,
-            replace(address, on_open=lambda: report(open=True)),
-            options,
-            lambda: _begin(
-                report, PLANT, asked, f"{setup.scene.name}, {_duration(setup.run.duration_s)}"
-            ),
-            _progress_reporter(report),
-            repeated,
-        )
-        report(done=stats)
-        if not asked.watched:
-            _print_profile(stats)
-            out.say(
-                f"Complete: {setup.run.steps:,} steps in {stats['wall_s']:z.3f} s. The "
-                "recorder has the recording."
-            )
-=======
     if options.repeat:
         repeat_or_fail(read(options.repeat), setup)
     paced = [Work.PACED] if options.pace else []
@@ -94,7 +70,6 @@ def plant(
         f"Complete: {setup.run.steps:,} steps in {stats['wall_s']:z.3f} s. The recorder has the "
         "recording."
     )
->>>>>>> 71fe41dd (processes: start roles by multiprocessing, and name the first cause)
 
 
 @run_options_of(CONTROLLER)
