@@ -11,6 +11,7 @@ from benchmarks.results import results_in
 from benchmarks.scenes import load
 from benchmarks.zener import solved
 from hertzloop.cli.options import JsonOption
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.plant import time_series as ts
 from hertzloop.scene.build import build_plant
 
@@ -32,7 +33,7 @@ def restitution_on_infinite_plate(inelasticity: float) -> float:
 
     h = float(scipy.optimize.brentq(lambda h: lam(h) - inelasticity, 1e-4, 0.05, xtol=1e-14))
     one = setup.vary({"plate.thickness_m": h, "run.duration_s": 4e-4})
-    rows = ts.series_under(build_plant(one), np.zeros(one.run.steps))
+    rows = series_under(build_plant(one), np.zeros(one.run.steps))
     ended = int(np.flatnonzero(rows[ts.F_C] > 0.0)[-1]) + 2
     speed = (rows[ts.XI_S, ended + 1] - rows[ts.XI_S, ended]) / one.run.step_s
     return float(speed) / one.mechanics.sphere.impact_speed_m_s

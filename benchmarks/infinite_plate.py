@@ -17,13 +17,14 @@ from benchmarks.program import OutDirOption, QuickOption, ScenesOption, SeedOpti
 from benchmarks.random_scenes import drawn
 from benchmarks.results import results_in
 from benchmarks.scenes import load
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.controller.loading.registry import find
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import state_kernels
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.state_kernels import FLIGHT_V, FLIGHT_X, XI_S
-from hertzloop.plant.time_series import F_A, XI, XI_P, series_under
+from hertzloop.plant.time_series import F_A, XI, XI_P
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import Setup
 

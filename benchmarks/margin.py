@@ -26,6 +26,7 @@ from benchmarks.program import (
 from benchmarks.results import results_in
 from benchmarks.scenes import load
 from hertzloop.cli.terminal import out
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.state_kernels import STEP
@@ -234,7 +235,7 @@ def simulated_growth_per_s(setup: Setup, expected_per_s: float) -> float:
     setup = setup.with_plate_model("modal").with_steps(steps)
     plant = build_plant(setup)
     size_n = min(math.exp(-expected_per_s * steps * setup.run.step_s), 1e-3)
-    ts.series_under(plant, size_n * np.random.default_rng(5).standard_normal(50))
+    series_under(plant, size_n * np.random.default_rng(5).standard_normal(50))
     plant.state.counts[STEP] = 0
     rows = simulate(setup, own_plant=plant).truth
     if rows[ts.F_C].any():

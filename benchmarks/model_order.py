@@ -27,6 +27,7 @@ from benchmarks.results import results_in
 from benchmarks.scenes import load
 from hertzloop.cli.prepare import compile_first
 from hertzloop.cli.terminal import out
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
@@ -34,7 +35,6 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.time_series import series_under
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.plate_model import NEAREST
 from hertzloop.studies.pages import pictures

@@ -22,6 +22,7 @@ from benchmarks.program import OutDirOption, QuickOption, ScenesOption, SeedOpti
 from benchmarks.random_scenes import as_options, drawn, typed
 from benchmarks.results import Columns, results_in
 from benchmarks.scenes import load
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.actuator import IDEAL
 from hertzloop.plant.contact.hertz import (
@@ -32,7 +33,7 @@ from hertzloop.plant.contact.hertz import (
 from hertzloop.plant.contact.yielding import yield_depth_m
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.modal import ModalPlant, impedance_n_s_m
-from hertzloop.plant.time_series import XI, series_under
+from hertzloop.plant.time_series import XI
 from hertzloop.scene import setup as scenes
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup

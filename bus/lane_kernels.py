@@ -22,12 +22,13 @@ ANSWERS_TAKEN, SAMPLE_RING = 16, 32
 SAMPLE_WORDS, ANSWER_WORDS = 2, 4
 # What one end counts for itself. FORCES_PUT: steps whose force the controller has put into the
 # lane, SAMPLES_PUT: samples that it has answered there.
-# BROKEN_AT: samples that the controller had answered when it last answered one without a promise.
+# TRIGGERED: samples that the controller had answered when it last answered one without a promise.
 # WAITS, WAITED_NS: how often, and about how long, this end has waited for the other.
-OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT, BROKEN_AT, WAITS, WAITED_NS = range(9)
+OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT, TRIGGERED, WAITS, WAITED_NS = range(9)
 OWN_COUNTS = 9
 _TIME_EVERY = 8  # waits, of which one is timed: a clock is as slow as a short wait
-_SLEEP_US = 50
+# No ints: Numba would compile `_wait_slowly` once for each value.
+_SLEEP_US, _AT_ONCE = np.int64(50), np.int64(0)
 _REST_AFTER = 1000  # samples under a promise: what a rest may delay is less than what they took
 
 
@@ -111,9 +112,9 @@ def wait_for_sample(lane, i):
     """Wait for sample `i`; False if it did not come in time. Where the plant has been running ahead
     under a promise for a while, it does not wait for the answer, and the core is left to others."""
     at = _sample_slot(lane, i)
-    if lane.rest_us == 0 or i - lane.own[BROKEN_AT] < _REST_AFTER:
+    if lane.rest_us == 0 or i - lane.own[TRIGGERED] < _REST_AFTER:
         return _wait(lane, at, i + 1)
-    return _wait_slowly(lane, at, i + 1, 0, lane.rest_us)
+    return _wait_slowly(lane, at, i + 1, _AT_ONCE, lane.rest_us)
 
 
 @kernel(inline=True)

@@ -99,7 +99,7 @@ class LaneOffer(_message.Message):
     def __init__(self, host: _Optional[str] = ..., pid: _Optional[int] = ..., fd: _Optional[int] = ...) -> None: ...
 
 class DaqBlock(_message.Message):
-    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "every_steps", "scale", "offset", "code", "value", "saturated")
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "every_steps", "scale", "offset", "checksum", "code", "value", "saturated")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
@@ -107,6 +107,7 @@ class DaqBlock(_message.Message):
     EVERY_STEPS_FIELD_NUMBER: _ClassVar[int]
     SCALE_FIELD_NUMBER: _ClassVar[int]
     OFFSET_FIELD_NUMBER: _ClassVar[int]
+    CHECKSUM_FIELD_NUMBER: _ClassVar[int]
     CODE_FIELD_NUMBER: _ClassVar[int]
     VALUE_FIELD_NUMBER: _ClassVar[int]
     SATURATED_FIELD_NUMBER: _ClassVar[int]
@@ -117,13 +118,14 @@ class DaqBlock(_message.Message):
     every_steps: int
     scale: float
     offset: float
+    checksum: int
     code: _containers.RepeatedScalarFieldContainer[int]
     value: _containers.RepeatedScalarFieldContainer[float]
     saturated: bytes
-    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., every_steps: _Optional[int] = ..., scale: _Optional[float] = ..., offset: _Optional[float] = ..., code: _Optional[_Iterable[int]] = ..., value: _Optional[_Iterable[float]] = ..., saturated: _Optional[bytes] = ...) -> None: ...
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., every_steps: _Optional[int] = ..., scale: _Optional[float] = ..., offset: _Optional[float] = ..., checksum: _Optional[int] = ..., code: _Optional[_Iterable[int]] = ..., value: _Optional[_Iterable[float]] = ..., saturated: _Optional[bytes] = ...) -> None: ...
 
 class ForceBlock(_message.Message):
-    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "samples_seen", "promise_zero", "promise_level", "lane", "force_n")
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "samples_seen", "promise_zero", "promise_level", "lane", "checksum", "force_n")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
@@ -132,6 +134,7 @@ class ForceBlock(_message.Message):
     PROMISE_ZERO_FIELD_NUMBER: _ClassVar[int]
     PROMISE_LEVEL_FIELD_NUMBER: _ClassVar[int]
     LANE_FIELD_NUMBER: _ClassVar[int]
+    CHECKSUM_FIELD_NUMBER: _ClassVar[int]
     FORCE_N_FIELD_NUMBER: _ClassVar[int]
     run_id: int
     sequence: int
@@ -141,8 +144,9 @@ class ForceBlock(_message.Message):
     promise_zero: bool
     promise_level: float
     lane: LaneAnswer
+    checksum: int
     force_n: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., samples_seen: _Optional[int] = ..., promise_zero: _Optional[bool] = ..., promise_level: _Optional[float] = ..., lane: _Optional[_Union[LaneAnswer, str]] = ..., force_n: _Optional[_Iterable[float]] = ...) -> None: ...
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., samples_seen: _Optional[int] = ..., promise_zero: _Optional[bool] = ..., promise_level: _Optional[float] = ..., lane: _Optional[_Union[LaneAnswer, str]] = ..., checksum: _Optional[int] = ..., force_n: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class TruthBlock(_message.Message):
     __slots__ = ("run_id", "sequence", "first_step", "step_ns", "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m", "f_c1_n", "f_a1_n", "deepest_m", "held_steps")

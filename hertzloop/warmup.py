@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hertzloop.bus.port import InProcessBus, InProcessPort
 from hertzloop.bus.sockets import own_folder
-from hertzloop.bus.streams import CONTROLLER, PLANT
 from hertzloop.common.jit.folder import cache_folder, has_room, types_digest
 from hertzloop.common.jit.progress import report_functions
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.processes.signals import end_with_parent
 from hertzloop.scene.build import build_plant, build_sensor, free_series
-from hertzloop.scene.controller import bound_law, build_controller
+from hertzloop.scene.controller import bound_law
 from hertzloop.scene.toml import to_toml
 
 if TYPE_CHECKING:
@@ -35,7 +33,6 @@ class Work(StrEnum):
     EXCHANGE = "exchange"  # a plant and a controller that exchange messages
     LOOP = "loop"  # both in one compiled loop, as in the cases of a sweep
     RESULTS = "results"  # the metrics of a run, and of the same without control
-    PACED = "paced"  # a plant that runs by the wall clock
 
 
 RUN = (Work.EXCHANGE, Work.LOOP, Work.RESULTS)  # its verdict repeats the impact in the loop
@@ -166,8 +163,7 @@ def _compile_at_once(
     beside = _start_beside(setup, works) if len(os.sched_getaffinity(0)) > 1 else None
     try:
         with report_functions(count):
-            for work in works:
-                _PLANT[work](moment)
+            _compile_loop(moment)
         tell(_PLANT_SHARE, "metrics and controller")
     except BaseException:
         if beside:
@@ -178,36 +174,10 @@ def _compile_at_once(
             beside.wait()
 
 
-def _plant_of_exchange(setup: "Setup") -> None:
-    from hertzloop.loop.plant_node import PlantNode
-
-    PlantNode(setup, InProcessPort(InProcessBus(), PLANT))
-
-
-def _plant_of_loop(setup: "Setup") -> None:
-    from hertzloop.loop.simulate import simulate
-
-    simulate(setup)
-    setup.infinite_plate.lasts_s()
-
-
-def _plant_of_results(setup: "Setup") -> None:
+def _compile_loop(setup: "Setup") -> None:
+    """Compile the loop, which is one for all works."""
     free_series(setup)
     setup.infinite_plate.lasts_s()
-
-
-def _paced_plant(setup: "Setup") -> None:
-    from hertzloop.loop.paced import PacedPlantNode
-
-    PacedPlantNode(setup, InProcessPort(InProcessBus(), PLANT), pace=1.0)
-
-
-_PLANT: dict[Work, Callable[["Setup"], None]] = {
-    Work.EXCHANGE: _plant_of_exchange,
-    Work.LOOP: _plant_of_loop,
-    Work.RESULTS: _plant_of_results,
-    Work.PACED: _paced_plant,
-}
 
 
 def _start_beside(setup: "Setup", works: Sequence[Work]) -> subprocess.Popen[str]:
@@ -235,7 +205,7 @@ def _compile_beside(parent: int) -> None:
     end_with_parent()
     if os.getppid() != parent:  # it has ended while this process imported
         return
-    from hertzloop.loop.controller_node import ControllerNode
+    from hertzloop.loop import answering
     from hertzloop.results.metrics import metrics_of
     from hertzloop.scene.setup import parse
 
@@ -243,8 +213,7 @@ def _compile_beside(parent: int) -> None:
     setup = parse(scene)
     moment = _moment_of(setup)
     if Work.EXCHANGE in works:
-        ControllerNode(InProcessPort(InProcessBus(), CONTROLLER))
-        build_controller(moment, ahead=False).process(np.ones(2))
+        answering.load()
     if Work.RESULTS in works or Work.LOOP in works:
         truth = _made_up_contact(moment)
         metrics_of(moment, truth)
@@ -293,7 +262,7 @@ def _run_results(setup: "Setup", folder: Path) -> None:
     metrics_of(setup, free_series(setup))
 
 
-# What compiles every kernel of a work; of a paced plant those that `_PLANT` compiles are all.
+# What compiles every kernel of a work.
 _RUN: dict[Work, Callable[["Setup", Path], None]] = {
     Work.EXCHANGE: _run_exchange,
     Work.LOOP: _run_loop,

@@ -1,9 +1,5 @@
 """The time series of a plant: one row a step, with the columns of `TRUTH`."""
 
-from typing import Any
-
-import numpy as np
-
 from hertzloop.common.jit import kernel
 from hertzloop.plant import state_kernels
 from hertzloop.plant.schemes import registry as scheme
@@ -42,17 +38,3 @@ def record_step(plant, plant_state, command, truth, row):
     truth[5, row] = body[state_kernels.F_A]
     truth[7, row] = body[state_kernels.F_C1]
     truth[8, row] = body[state_kernels.F_A1]
-
-
-@kernel
-def plant_alone(plant, plant_state, forces, truth):
-    """The plant under commanded actuator forces, one a step, without sensor and controller."""
-    for i in range(forces.size):
-        record_step(plant, plant_state, forces[i], truth, i)
-
-
-def series_under(plant: Any, forces: np.ndarray) -> np.ndarray:
-    """Step a plant under commanded forces (N), one a step; its steps, shape (COLUMNS, steps)."""
-    truth = np.zeros((COLUMNS, len(forces)))
-    plant_alone(plant.model, plant.state, forces, truth)
-    return truth

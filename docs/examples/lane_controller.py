@@ -8,6 +8,7 @@ import os
 import subprocess
 import threading
 import tomllib
+import zlib
 from array import array
 from pathlib import Path
 
@@ -78,6 +79,7 @@ class LaneController(own_controller.Controller):
                     first_step=self.first_step,
                     step_ns=self.hello.step_ns,
                     force_n=array("d", raw),
+                    checksum=zlib.crc32(raw),
                     samples_seen=max(0, self.first_step + len(raw) // 8 - 1 - self.law.latency)
                     // self.law.every,
                 ),

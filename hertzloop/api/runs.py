@@ -258,10 +258,10 @@ def run(
     setup = resolved(scene)
     if asked.pace is not None:
         from hertzloop.loop.paced import check_pace
-        from hertzloop.warmup import RUN, Work, ensure_compiled
+        from hertzloop.warmup import ensure_compiled
 
         check_pace(setup, asked.pace, asked.timeout_s)
-        ensure_compiled(setup, works=[*RUN, Work.PACED])  # a process that compiles answers nobody
+        ensure_compiled(setup)  # a process that compiles answers nobody
     if recording is not None:
         record(setup, Path(recording), asked, lambda _: nullcontext(on_progress))
         return read(recording)

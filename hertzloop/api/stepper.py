@@ -2,9 +2,12 @@
 
 import math
 
+import numpy as np
+
 from hertzloop.api.scenes import AnyScene, current
-from hertzloop.loop import kernels as loop_kernels
-from hertzloop.loop.plant_streams import empty_window
+from hertzloop.closed_loop import loop
+from hertzloop.closed_loop.exchange import HELD
+from hertzloop.closed_loop.parts import elsewhere, empty_unsent, exchange, plant_side
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.state_kernels import STEP
 from hertzloop.scene.build import build_plant, build_sensor
@@ -33,8 +36,9 @@ class Stepper:
         setup = resolve(current(scene))
         self.steps, self.step_s = setup.run.steps, setup.run.step_s
         self._plant = build_plant(setup)
-        self._sensor = build_sensor(setup, setup.run.steps + 1)  # the last step ends with a sample
-        self._window = empty_window(1, 1)
+        sensor = build_sensor(setup, setup.run.steps + 1)  # the last step ends with a sample
+        self._side, self._unsent = plant_side(self._plant, sensor), empty_unsent(1, 1)
+        self._exchange = exchange(HELD, elsewhere(np.zeros(1)))
         self.sample = self._go_on(0.0, 0)
 
     @property
@@ -66,14 +70,6 @@ class Stepper:
         return self._plant.close_balance()
 
     def _go_on(self, force_n: float, steps: int) -> float:
-        plant, sensor = self._plant, self._sensor
-        loop_kernels.hold_command(
-            plant.model,
-            plant.state,
-            sensor.model,
-            sensor.state,
-            self._window,
-            float(force_n),
-            steps,
-        )
-        return float(self._window.values[0])
+        self._exchange.commands[0] = force_n
+        loop.run(self._side, self._exchange, self._unsent, self.steps_done + steps)
+        return float(self._unsent.values[0])

@@ -60,8 +60,7 @@ def plant(
     prepare.check_pace(setup, options)
     if options.repeat:
         repeat_or_fail(read(options.repeat), setup)
-    paced = [Work.PACED] if options.pace else []
-    prepare.compile_first(setup, works=[Work.EXCHANGE, *paced])
+    prepare.compile_first(setup, works=[Work.EXCHANGE])
     begin = lambda: _begin(PLANT, f"{setup.scene.name}, {_duration(setup.run.duration_s)}")  # noqa: E731
     with _on_bus(PLANT, asked) as address:
         stats = roles.run_plant(setup, address, options, begin)

@@ -95,13 +95,10 @@ def compile_first(*scenes: Setup, works: Collection[Work] = RUN) -> None:
     Raises:
         SceneError: A scene cannot be built.
     """
-    missing = not_compiled(*scenes, works=works)
-    if not missing:
+    if not not_compiled(*scenes, works=works):
         return
     what = _MODEL
-    if missing == {Work.PACED}:
-        what = "the plant of a paced run: some seconds"
-    elif anything_compiled():
+    if anything_compiled():
         what = "for this kind of scene or command: about 25 s"
     announce_compilation(what)
 

@@ -38,7 +38,6 @@ from hertzloop.scene.setup import Setup
 from hertzloop.views.format import unwrapped
 from hertzloop.views.run import print_run
 from hertzloop.views.run_json import run_as_json
-from hertzloop.warmup import RUN, Work
 
 # Parameters of the command that only separate processes need.
 _OF_PROCESSES = ("name", "port", "timeout_s", "fast_lane", "realtime")
@@ -78,7 +77,7 @@ def run(
         check_transport("--live", options.transport)
     setup, recording = _checked(options, scene, settings or [], seed, out_file)
     outputs.check_json(json_file, recording)
-    prepare.compile_first(setup, works=RUN if options.pace is None else [*RUN, Work.PACED])
+    prepare.compile_first(setup)
     with _meeting(options, port) as met:
         report = _run(setup, recording, met, live)
     linear_loop, warning = _linear_loop(setup, has_own_controller=options.controller is not None)

@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.closed_loop.exchange import HELD, SAMPLES_END
+from hertzloop.closed_loop.parts import elsewhere, empty_unsent, exchange, plant_side
 from hertzloop.common.jit.object_code import leaves
 from hertzloop.interop.kernels import ENERGIES, Unit
 from hertzloop.interop.objects import needed
-from hertzloop.loop.kernels import SAMPLES_END
-from hertzloop.loop.plant_streams import empty_window
 from hertzloop.plant.schemes.registry import SCHEMES, schemes_where
 from hertzloop.plant.state_kernels import STEP, V_P, XI, XI_P, XI_S
 from hertzloop.plant.time_series import F_A, F_C
@@ -63,27 +63,28 @@ def image(setup: Setup) -> Image:
         )
     plant, sensor = build_plant(setup), build_sensor(setup)
     unit = Unit(
-        plant.model,
-        plant.state,
-        sensor.model,
-        sensor.state,
-        empty_window(1, 1),
+        plant_side(plant, sensor),
+        exchange(HELD, elsewhere(np.zeros(1))),
+        empty_unsent(1, 1),
         np.zeros(2),
         np.zeros(ENERGIES),
         float(setup.run.lead_in_s),
     )
     memory = _Memory()
-    memory.take(_MODEL, unit.plant)
-    memory.take(_STATE, unit.plant_state)
-    memory.take(_MODEL, unit.sensor, noise=unit.sensor.noise)
-    for part in unit[unit._fields.index("sensor_state") :]:
+    side, unsent = unit.side, unit.unsent
+    memory.take(_MODEL, side.plant)
+    memory.take(_STATE, side.plant_state)
+    memory.take(_MODEL, side.sensor, noise=side.sensor.noise)
+    for part in (
+        *side[side._fields.index("sensor_state") :],
+        *unit[unit._fields.index("exchange") :],
+    ):
         memory.take(_STATE, part)
     # One sample more than the loop takes, after the last step.
-    count = setup.run.steps // setup.sensor.every_steps + 1 if unit.sensor.noise.size else 0
+    count = setup.run.steps // setup.sensor.every_steps + 1 if side.sensor.noise.size else 0
     data, places = memory.laid_out(count)
     at = memory.offset_of
-    body, window = at(unit.plant_state.body), unit.window
-    truth = at(window.truth)
+    body, truth = at(side.plant_state.body), at(unsent.truth)
     phase = setup.scene.run.touch_phase
     sensed = SENSED[setup.scene.sensors.quantity]
     constants = {
@@ -101,11 +102,11 @@ def image(setup: Setup) -> Image:
         "TOUCH_PHASE": -1.0 if phase == "random" else float(phase),
         "DIGEST": int.from_bytes(hashlib.sha256(data).digest()[:7], "little"),
         **places,
-        "STEP": at(unit.plant_state.counts) + _WORD * STEP,
-        "SAMPLES": at(window.counts) + _WORD * SAMPLES_END,
-        "SAMPLE": at(window.values),
-        "CODE": at(window.codes),
-        "CLIPPED": at(window.clipped),
+        "STEP": at(side.plant_state.counts) + _WORD * STEP,
+        "SAMPLES": at(unsent.counts) + _WORD * SAMPLES_END,
+        "SAMPLE": at(unsent.values),
+        "CODE": at(unsent.codes),
+        "CLIPPED": at(unsent.clipped),
         "GAP": body + _WORD * XI,
         "HEIGHT": body + _WORD * XI_S,
         "DEFLECTION": body + _WORD * XI_P,

@@ -4,12 +4,14 @@ A unit is all that they need, put together from the exported library's own memor
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from hertzloop.closed_loop import loop
+from hertzloop.closed_loop.exchange import Exchange, Unsent
+from hertzloop.closed_loop.loop import PlantSide
 from hertzloop.common.jit import kernel
-from hertzloop.loop import kernels as loop_kernels
 from hertzloop.plant import state_kernels
 from hertzloop.plant.schemes import registry as scheme
 from hertzloop.plant.state_kernels import (
@@ -30,14 +32,12 @@ ENERGIES = 9
 
 
 class Unit(NamedTuple):
-    """Plant, sensor and a window of one row; `start`: height (m) and velocity (m/s) of the sphere
-    at the start of the run, `lead_s` before the first touch."""
+    """Plant and sensor, and one row of what they produce; `start`: height (m) and velocity (m/s) of
+    the sphere at the start of the run, `lead_s` before the first touch."""
 
-    plant: Any
-    plant_state: Any
-    sensor: Any
-    sensor_state: np.ndarray
-    window: loop_kernels.Window
+    side: PlantSide
+    exchange: Exchange
+    unsent: Unsent
     start: np.ndarray
     energies: np.ndarray
     lead_s: float
@@ -46,7 +46,7 @@ class Unit(NamedTuple):
 @kernel
 def release(unit, drop_height_m, touch_phase):
     """Put the sphere where it is at the start of a run."""
-    model, body = unit.plant, unit.plant_state.body
+    model, body = unit.side.plant, unit.side.plant_state.body
     speed = math.sqrt(2.0 * GRAVITY_M_S2 * drop_height_m)
     height, velocity = state_kernels.released(
         speed, model.gravity_m_s2, unit.lead_s, model.step_s, touch_phase
@@ -59,16 +59,16 @@ def release(unit, drop_height_m, touch_phase):
 def advance(unit, command, steps):
     """`steps` steps under one commanded actuator force (N). The sensor sees the first state too,
     once, also with no steps at all."""
-    loop_kernels.hold_command(
-        unit.plant, unit.plant_state, unit.sensor, unit.sensor_state, unit.window, command, steps
-    )
+    end = unit.side.plant_state.counts[state_kernels.STEP] + max(steps, 0)
+    unit.exchange.commands[0] = command
+    loop.run(unit.side, unit.exchange, unit.unsent, end)
 
 
 @kernel
 def balance(unit):
     """The energies at the present step. To close the balance changes the state, so the run goes on
     from a copy of the state before."""
-    model, state, energies = unit.plant, unit.plant_state, unit.energies
+    model, state, energies = unit.side.plant, unit.side.plant_state, unit.energies
     balance, mass, gravity = state.balance, model.mass_kg, model.gravity_m_s2
     energies[MODAL] = scheme.close_balance(model, state)
     speed = state_kernels.speed_now(gravity, model.step_s, state.body, state.counts)

@@ -1,25 +1,27 @@
 """The controller's side of the exchange: receive samples, send forces and promises."""
 
+import math
 import time
 from contextlib import suppress
+from zlib import crc32
 
 import numpy as np
 
 from hertzloop.bus import lane
 from hertzloop.bus.codec import DecodedBlock
+from hertzloop.bus.lane_kernels import Lane
 from hertzloop.bus.messages_pb2 import ControllerReport, DaqBlock, ForceBlock, LaneAnswer
 from hertzloop.bus.port import BusError, PeerLost, Port, Publisher
 from hertzloop.bus.sequence_checker import SequenceChecker, compare_report
 from hertzloop.bus.streams import CONTROLLER, PLANT, Envelope, StreamFault
-from hertzloop.controller.controller import Controller, Reply
-from hertzloop.controller.law_kernels import SAMPLES
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_digest
+from hertzloop.loop import answering
 from hertzloop.loop.announcement import controller_report
-from hertzloop.loop.controller_lane import ControllerLane
+from hertzloop.loop.answering import Answering, Reply
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.scene.controller import build_controller, build_idle_controller, loaded_law
+from hertzloop.scene.controller import build_controller, loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 
@@ -41,8 +43,8 @@ class ControllerNode:
     """Answers every block of samples with a block of forces; set up by the plant's hello.
 
     It announces its end once all samples of the run are answered, and is done when the plant has
-    announced its own. In shared memory (the fast lane) it answers each sample at once, and
-    publishes the forces in longer blocks.
+    announced its own. In shared memory it answers each sample at once, and publishes the forces in
+    longer blocks.
 
     Attributes:
         setup: Setup of the run, as the plant has announced it; None before.
@@ -51,46 +53,49 @@ class ControllerNode:
     """
 
     def __init__(
-        self, port: Port, look_ahead: bool = True, law: str | None = None, fast_lane: bool = True
+        self,
+        port: Port,
+        commands_ahead: bool = True,
+        law: str | None = None,
+        shared_memory: bool = True,
     ) -> None:
         """
         Args:
             port: Port to plant and recorder.
-            look_ahead: Send forces as soon as they are known, ahead of their step.
+            commands_ahead: Send forces as soon as they are known, ahead of their step.
             law: Path of the law on this side, if it is not that of the scene.
-            fast_lane: Join shared memory that the plant offers.
+            shared_memory: Join shared memory that the plant offers.
         """
-        self.port, self.look_ahead, self._law = port, look_ahead, law
+        self.port, self._commands_ahead, self._law = port, commands_ahead, law
         self.checker = SequenceChecker(role=CONTROLLER)
         self.done = False
         self.fault = ""
         self.setup: Setup | None = None
-        self._fast_lane = fast_lane
-        self._lane: ControllerLane | None = None
+        self._shared_memory = shared_memory
+        self._offered: Lane | None = None
         self._joined: LaneAnswer = LaneAnswer.NOT_STATED
-        self._controller: Controller | None = None
+        self._answering: Answering | None = None
         self._publisher: Publisher | None = None
         self._report: ControllerReport | None = None
         self._scene = ""  # the whole scene, if the hello lacks the contents of files
         self._next_block_s = 0.0
         self._samples = 0  # whose answers are published
-        # Load the kernels before the plant waits for an answer.
-        ControllerLane(build_idle_controller(), lane.closed(), look_ahead).answer_samples(0)
+        answering.load()  # before the plant waits for an answer
 
     @property
     def samples(self) -> int:
         """Number of samples that were answered."""
-        return self._lane.samples if self._lane else self._samples
+        return self._answering.samples if self._answering else 0
 
     @property
     def law_samples(self) -> int:
         """Number of samples that the law was given."""
-        return int(self._controller.law_state.counts[SAMPLES]) if self._controller else 0
+        return self._answering.taken if self._answering else 0
 
     @property
     def waited_s(self) -> float:
         """Wall time in which the controller has waited for the plant."""
-        return self.port.waited_s + (self._lane.waited_s if self._lane else 0.0)
+        return self.port.waited_s + (self._answering.waited_s if self._answering else 0.0)
 
     def work(self, timeout_s: float) -> None:
         """Receive what comes next, from the bus or from shared memory.
@@ -99,18 +104,22 @@ class ControllerNode:
             StreamFault: The message or the sample is impossible.
             BusError: Nothing has come within `timeout_s`.
         """
-        if self._lane is None or (self._publisher and self._publisher.ended):
+        found = self._answering
+        if not found or not found.in_ring or (self._publisher and self._publisher.ended):
             self.handle(self.port.receive(timeout_s, "samples from the plant", [PLANT]))
             return
-        block_end = (self._lane.samples // _BLOCK + 1) * _BLOCK
-        self._lane.answer_samples(min(block_end, self._lane.total))
-        if self._lane.idle_s > timeout_s:
+        try:
+            found.answer_in_ring((found.taken // _BLOCK + 1) * _BLOCK)
+        except LawFault as error:
+            raise StreamFault(str(error)) from error
+        if found.idle_s > timeout_s:
             raise PeerLost(
                 f"controller waited {timeout_s:g} s for samples from the plant: nothing came in "
-                "the lane",
+                "the ring",
                 PLANT,
             )
-        self._publish_lane_answers()
+        if self._is_due(found):
+            self._publish(found.reply())
         while self.port.pending():
             self.handle(self.port.receive(timeout_s, "samples from the plant", [PLANT]))
 
@@ -141,7 +150,7 @@ class ControllerNode:
             announced = block.header.law_digest
             law = loaded_law(setup)
             check_digest(str(law.path), law.digest, announced or None)
-            self._controller = build_controller(setup)
+            self._answering = Answering(build_controller(setup), self._commands_ahead)
         except (SceneError, LawError) as error:
             raise StreamFault(f"the plant announced an invalid scene: {error}") from error
         asked = setup.scene.controller.law  # as the plant calls it, wherever this side has it
@@ -157,13 +166,14 @@ class ControllerNode:
         self.setup = setup
         self._every_steps, self._step_ns = setup.sensor.every_steps, setup.run.step_ns
         self._events = ControllerEvents(setup)
-        self._offered, self._joined = lane.join(block.header, self._fast_lane)
+        self._offered, self._joined = lane.join(block.header, self._shared_memory)
         if self._offered is not None and block.header.pace:
             sample_ns = self._every_steps * self._step_ns / block.header.pace
             self._offered = lane.at_pace(self._offered, sample_ns)
 
     def _answer(self, block: DecodedBlock) -> None:
-        if self._controller is None or self._publisher is None:
+        found = self._answering
+        if found is None:
             raise StreamFault("samples came before the plant announced the run")
         header: DaqBlock = block.header
         if header.every_steps != self._every_steps:
@@ -171,7 +181,7 @@ class ControllerNode:
                 f"stream 'daq' sequence {header.sequence} has a sample every {header.every_steps} "
                 f"steps, the scene every {self._every_steps}"
             )
-        values, total = sampled_values(block), len(self._controller.law_state.history)
+        values, total = sampled_values(block), found.total
         first = header.first_step // self._every_steps
         if first + len(values) > total:
             raise StreamFault(f"stream 'daq' sequence {header.sequence} is beyond the run's end")
@@ -179,46 +189,47 @@ class ControllerNode:
             raise StreamFault(
                 f"stream 'daq' sequence {header.sequence} holds a value that is not finite"
             )
-        if self._lane is not None:
-            self._lane.expect(header.sequence, first, values)
+        if found.in_ring:
+            found.check_block(header.sequence, first, len(values), header.checksum)
             return
         try:
-            reply = self._controller.process(values, self.look_ahead)
+            found.answer_block(values)
         except LawFault as error:
             raise StreamFault(str(error)) from error
-        self._publish(reply, self._joined)
+        self._publish(found.reply(), self._joined)
         self._joined = LaneAnswer.NOT_STATED  # stated once
         if self._offered is not None:
-            self._lane = ControllerLane(self._controller, self._offered, self.look_ahead)
+            found.use_ring(self._offered)
             lane.sleep_precisely()
 
-    def _publish_lane_answers(self) -> None:
-        """Publish the answers given in shared memory, in blocks."""
-        assert self._lane is not None
-        answered, now = self._lane.samples, time.monotonic()
-        if answered == self._samples or (answered % _BLOCK and answered != self._lane.total):
-            return
-        if answered < self._lane.total and not self._lane.full and now < self._next_block_s:
-            return
+    def _is_due(self, found: Answering) -> bool:
+        """Whether answers given in shared memory are to be published, in blocks."""
+        answered, now = found.samples, time.monotonic()
+        if answered == self._samples or (answered % _BLOCK and answered != found.total):
+            return False
+        if answered < found.total and not found.full and now < self._next_block_s:
+            return False
         self._next_block_s = now + _EVERY_S
-        self._publish(self._lane.reply())
+        return True
 
     def _publish(self, reply: Reply, joined: "LaneAnswer" = LaneAnswer.NOT_STATED) -> None:
         assert self._publisher is not None
-        assert self._controller is not None
+        assert self._answering is not None
+        zero = reply.trigger_level < math.inf
         answer = ForceBlock(
             first_step=reply.first_step,
             step_ns=self._step_ns,
-            samples_seen=reply.samples_seen,
-            promise_zero=reply.promise_zero,
-            promise_level=reply.promise_level,
+            samples_seen=reply.samples,
+            promise_zero=zero,
+            promise_level=reply.trigger_level if zero else 0.0,
             lane=joined,
+            checksum=crc32(reply.forces) if self._answering.in_ring else 0,
         )
         self._publisher.send("force", answer, {"force_n": reply.forces})
         for event in self._events.of(self._samples, reply.modes, reply.delays):
             self._publisher.send("events/controller", event)
-        self._samples = reply.samples_seen
-        if self._samples == len(self._controller.law_state.history):
+        self._samples = reply.samples
+        if self._samples == self._answering.total:
             self._publisher.end(report=self._report)
 
     def _end(self, block: DecodedBlock) -> None:
@@ -233,15 +244,16 @@ class ControllerNode:
             raise StreamFault(
                 f"the plant ended after {self._samples} samples, before the end of the run"
             )
-        if self._lane is not None:
-            self._lane.reconcile()
+        if self._answering is not None:
+            self._answering.reconcile()
 
     def fail(self, sentence: str) -> None:
         """Announce the fault that ends this role, unless it has ended."""
-        if self._lane is not None:
-            self._lane.leave()
+        if self._offered is not None:
+            lane.leave(self._offered)
         if self._publisher is not None and not self._publisher.ended:
-            if self._lane is not None and self._lane.samples > self._samples:
+            found = self._answering
+            if found and found.in_ring and found.samples > self._samples:
                 with suppress(StreamFault, BusError):
-                    self._publish(self._lane.reply())
+                    self._publish(found.reply())
             self._publisher.end(fault=sentence, report=self._report)

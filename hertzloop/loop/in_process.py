@@ -4,22 +4,21 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from hertzloop.bus.messages_pb2 import ForceBlock
 from hertzloop.bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
+from hertzloop.closed_loop import loop
+from hertzloop.closed_loop.exchange import DIRECT, SAMPLES_FIRST
+from hertzloop.closed_loop.parts import controller_side, exchange, plant_side
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.controller import Controller
 from hertzloop.controller.kernels import EMITTED
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.announcement import controller_report
-from hertzloop.loop.closed_loop import ClosedLoop
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.loop.kernels import SAMPLES_FIRST
 from hertzloop.loop.plant_node import ExchangeOptions, LoopStats, PlantNode
-from hertzloop.loop.plant_streams import EVERY_S, ROOM_STEPS, PlantStreams
+from hertzloop.loop.plant_streams import EVERY_S, PlantStreams
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.loop.watchdog import watching
 from hertzloop.recordings.recorder import Recorder
@@ -44,16 +43,16 @@ def run_compiled(
     streams = PlantStreams(setup, Publisher(plant_port, run_id), every_s=EVERY_S)
     publisher = Publisher(controller_port, run_id)
     events = ControllerEvents(setup)
-    modes, delays = np.zeros(ROOM_STEPS, np.int64), np.zeros(ROOM_STEPS, np.int64)
-    loop = ClosedLoop(streams.plant, streams.sensor, controller, streams.window, modes, delays)
-    loop.advance(0)  # loads the kernel before the clock starts
+    side, unsent = plant_side(streams.plant, streams.sensor), streams.unsent
+    direct = exchange(DIRECT, controller_side(controller))
+    loop.run(side, direct, unsent, 0)  # loads the kernel before the clock starts
     report = controller_report(setup)
     try:
         streams.announce_run()
         wall_s, sent = 0.0, 0
         while streams.step < setup.run.steps:
             started = time.perf_counter()
-            loop.advance(streams.boundary)
+            loop.run(side, direct, unsent, streams.boundary)
             wall_s += time.perf_counter() - started
             try:
                 controller.check()
@@ -61,7 +60,7 @@ def run_compiled(
                 raise StreamFault(str(error)) from error
             if not streams.due:
                 continue
-            first = int(streams.window.counts[SAMPLES_FIRST])
+            first = int(unsent.counts[SAMPLES_FIRST])
             count = streams.samples_waiting()
             streams.send_samples()
             streams.send_truth()
@@ -73,7 +72,7 @@ def run_compiled(
             )
             publisher.send("force", answer, {"force_n": controller.forces[sent:end]})
             sent = end
-            for event in events.of(first, modes[:count], delays[:count]):
+            for event in events.of(first, unsent.modes[:count], unsent.delays[:count]):
                 publisher.send("events/controller", event)
             on_progress(streams.step)
         streams.finish()

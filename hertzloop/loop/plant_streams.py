@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from zlib import crc32
 
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -17,14 +18,14 @@ from hertzloop.bus.messages_pb2 import (
 )
 from hertzloop.bus.port import BusError, Publisher
 from hertzloop.bus.streams import StreamFault
-from hertzloop.loop import kernels as loop_kernels
+from hertzloop.closed_loop.exchange import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST
+from hertzloop.closed_loop.parts import empty_unsent
 from hertzloop.loop.announcement import announce, hello
 from hertzloop.loop.events import PlantEvents
-from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
 from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import STEP
-from hertzloop.plant.time_series import COLUMNS, TRUTH
+from hertzloop.plant.time_series import TRUTH
 from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller import loaded_law
@@ -55,17 +56,6 @@ def truth_columns(truth: np.ndarray, setup: Setup, same_point: bool) -> dict[str
     return arrays
 
 
-def empty_window(steps: int, samples: int) -> loop_kernels.Window:
-    """Return a window with room for the time series of `steps` steps and for `samples` samples."""
-    return loop_kernels.Window(
-        truth=np.zeros((COLUMNS, steps)),
-        codes=np.zeros(samples, np.int64),
-        values=np.zeros(samples),
-        clipped=np.zeros(samples, np.int64),
-        counts=np.zeros(WINDOW_COUNTS, np.int64),
-    )
-
-
 class PlantStreams:
     """Publishes in blocks what the plant produces.
 
@@ -90,11 +80,12 @@ class PlantStreams:
         self.setup, self.publisher, self._held_steps = setup, publisher, held_steps
         self.plant = build_plant(setup)
         self.sensor = build_sensor(setup)
-        self.window = empty_window(ROOM_STEPS, ROOM_STEPS)
+        self.unsent = empty_unsent(ROOM_STEPS, ROOM_STEPS)
         self.hello = hello(setup, setup.plant.contact.stiffness)
         self._events = PlantEvents(setup)
         self._clipped: list[np.ndarray] = []  # flags since the last block of truth
         self._flags_first = 0
+        self.in_ring = False  # whether samples are also put into shared memory
         self._every_s, self._next_s = every_s, 0.0  # no block is due before `_next_s`
 
     @property
@@ -114,8 +105,8 @@ class PlantStreams:
 
     @property
     def due(self) -> bool:
-        """Whether a block is due: time has passed, the run is over, or the window is full."""
-        counts = self.window.counts
+        """Whether a block is due: time has passed, the run is over, or there is no room."""
+        counts = self.unsent.counts
         room = ROOM_STEPS - int(counts[TRUTH_END] - counts[TRUTH_FIRST])
         last = self.step == self.setup.run.steps
         return last or room < BLOCK_STEPS or time.monotonic() >= self._next_s
@@ -132,16 +123,16 @@ class PlantStreams:
 
     def samples_waiting(self) -> int:
         """Return the number of samples that were taken and not sent."""
-        counts = self.window.counts
+        counts = self.unsent.counts
         return int(counts[SAMPLES_END] - counts[SAMPLES_FIRST])
 
     def send_samples(self) -> None:
         """Publish the waiting samples, if there are any."""
-        count, counts = self.samples_waiting(), self.window.counts
+        count, counts = self.samples_waiting(), self.unsent.counts
         if not count:
             return
         model, every = self.sensor.model, self.sensor.spec.every_steps
-        clipped = self.window.clipped[:count].astype(np.uint8)
+        clipped = self.unsent.clipped[:count].astype(np.uint8)
         header = DaqBlock(
             first_step=int(counts[SAMPLES_FIRST]) * every,
             step_ns=self.setup.run.step_ns,
@@ -149,11 +140,12 @@ class PlantStreams:
             scale=model.scale,
             offset=model.offset,
             saturated=clipped.tobytes() if model.limited else b"",
+            checksum=crc32(self.unsent.values[:count]) if self.in_ring else 0,
         )
         arrays = (
-            {"value": self.window.values[:count]}
+            {"value": self.unsent.values[:count]}
             if model.ideal
-            else {"code": self.window.codes[:count]}
+            else {"code": self.unsent.codes[:count]}
         )
         self.publisher.send("daq", header, arrays)
         self._clipped.append(clipped)
@@ -167,12 +159,12 @@ class PlantStreams:
         Args:
             until: Publish the steps before this one; None: all.
         """
-        counts = self.window.counts
+        counts = self.unsent.counts
         first, taken = int(counts[TRUTH_FIRST]), int(counts[TRUTH_END])
         end = taken if until is None else until
         if first == end:
             return
-        truth = self.window.truth[:, : end - first]
+        truth = self.unsent.truth[:, : end - first]
         arrays = truth_columns(truth, self.setup, self.plant.spec.same_point)
         held = None
         if self._held_steps is not None:
@@ -191,7 +183,7 @@ class PlantStreams:
         ):
             self.publisher.send("events/plant", found)
         self._clipped, self._flags_first = [flags[share:]], self._flags_first + share
-        self.window.truth[:, : taken - end] = self.window.truth[:, end - first : taken - first]
+        self.unsent.truth[:, : taken - end] = self.unsent.truth[:, end - first : taken - first]
         counts[TRUTH_FIRST], self._next_s = end, time.monotonic() + self._every_s
 
     def finish(self) -> None:

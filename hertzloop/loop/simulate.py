@@ -2,22 +2,29 @@
 
 import time
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
 
+from hertzloop.closed_loop import loop
+from hertzloop.closed_loop.exchange import (
+    DIRECT,
+    IMPACT_OVER,
+    SAMPLES_END,
+    SAMPLES_FIRST,
+    TRUTH_END,
+    TRUTH_FIRST,
+)
+from hertzloop.closed_loop.parts import controller_side, empty_unsent, exchange, plant_side
 from hertzloop.controller import law_kernels as laws
+from hertzloop.controller.controller import Controller
 from hertzloop.controller.loading.bound import LawFault
-from hertzloop.loop import kernels as loop_kernels
-from hertzloop.loop.closed_loop import ClosedLoop
 from hertzloop.loop.impact_end import impact_follower
-from hertzloop.loop.kernels import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST, WINDOW_COUNTS
-from hertzloop.loop.plant_streams import empty_window
 from hertzloop.loop.watchdog import watching
 from hertzloop.plant.metrics.impact_kernels import NEVER
 from hertzloop.plant.plant import Balance, Plant
 from hertzloop.plant.state_kernels import FLIGHT_V
-from hertzloop.plant.time_series import COLUMNS
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError
@@ -100,31 +107,35 @@ def simulate(
     sensor = build_sensor(setup, most)
     controller = build_controller(setup, ahead=impact_only, steps=most)
     samples = len(controller.law_state.history)
-    window = empty_window(most, samples)
-    modes, delays = np.zeros(samples, np.int64), np.zeros(samples, np.int64)
-    loop = ClosedLoop(plant, sensor, controller, window, modes, delays)
-    with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
+    unsent, side = empty_unsent(most, samples), plant_side(plant, sensor)
+    impact = impact_follower(setup) if impact_only else NEVER
+    direct = exchange(DIRECT, controller_side(controller), impact=impact)
+    with _watching(setup, controller):
         started = time.thread_time() if IN_LOOP.running else 0.0
-        over = loop.advance(most, impact_follower(setup) if impact_only else NEVER)
+        status = loop.run(side, direct, unsent, most)
         if IN_LOOP.running:
             IN_LOOP.seconds += time.thread_time() - started
     try:
         controller.check()
     except LawFault as error:
         before = controller.failed_at * setup.sensor.every_steps + 1
-        raise LawStopped(str(error), window.truth[:, :before]) from error
-    ran, taken = int(window.counts[TRUTH_END]), int(window.counts[SAMPLES_END])
-    sent = window.values if sensor.model.ideal else window.codes
+        raise LawStopped(str(error), unsent.truth[:, :before]) from error
+    ran, taken = int(unsent.counts[TRUTH_END]), int(unsent.counts[SAMPLES_END])
+    sent = unsent.values if sensor.model.ideal else unsent.codes
     return SimulatedRun(
-        window.truth[:, :ran],
+        unsent.truth[:, :ran],
         sent[:taken],
-        window.values[:taken],
+        unsent.values[:taken],
         controller.forces[:ran],
-        modes[:taken],
-        delays[:taken],
+        unsent.modes[:taken],
+        unsent.delays[:taken],
         plant.close_balance(),
-        over,
+        status == IMPACT_OVER,
     )
+
+
+def _watching(setup: Setup, controller: Controller) -> AbstractContextManager[None]:
+    return watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES]))
 
 
 def closed_loop_truth(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
@@ -140,24 +151,25 @@ def closed_loop_truth(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[
     Raises:
         SceneError: The law has failed.
     """
-    plant, sensor = build_plant(setup), build_sensor(setup)
-    controller = build_controller(setup, ahead=False)
+    plant, controller = build_plant(setup), build_controller(setup, ahead=False)
     plant.state.body[FLIGHT_V] *= 1.0 + disturbance
-    modes, delays = np.zeros(_PIECE_STEPS, np.int64), np.zeros(_PIECE_STEPS, np.int64)
-    counts = np.zeros(WINDOW_COUNTS, np.int64)
+    side = plant_side(plant, build_sensor(setup))
+    direct, counts = exchange(DIRECT, controller_side(controller)), empty_unsent(0, 0).counts
     for first in range(0, setup.run.steps, _PIECE_STEPS):
         length = min(_PIECE_STEPS, setup.run.steps - first)
-        window = empty_window(length, length)
-        window.counts[:] = counts
-        window.counts[[TRUTH_FIRST, TRUTH_END]] = 0
-        window.counts[SAMPLES_FIRST] = counts[SAMPLES_END]
-        ClosedLoop(plant, sensor, controller, window, modes, delays).advance(first + length)
-        try:
-            controller.check()
-        except LawFault as error:
-            raise SceneError(str(error)) from error
-        counts = window.counts
-        yield first, window.truth
+        unsent = empty_unsent(length, length)._replace(counts=counts)
+        counts[[TRUTH_FIRST, TRUTH_END]], counts[SAMPLES_FIRST] = 0, counts[SAMPLES_END]
+        loop.run(side, direct, unsent, first + length)
+        _check(controller)
+        yield first, unsent.truth
+
+
+def _check(controller: Controller) -> None:
+    """Raise SceneError if the law has failed."""
+    try:
+        controller.check()
+    except LawFault as error:
+        raise SceneError(str(error)) from error
 
 
 def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np.ndarray:
@@ -177,26 +189,13 @@ def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np
     Raises:
         SceneError: The law has failed.
     """
-    sensor = build_sensor(setup, steps)
     controller = build_controller(setup, ahead=False, steps=steps)
-    truth = np.zeros((COLUMNS, steps * parts_of_step))
-    with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
-        loop_kernels.loop_in_parts(
-            plant.model,
-            plant.state,
-            sensor.model,
-            sensor.state,
-            controller.law,
-            controller.law_state,
-            controller.line,
-            controller.line_state,
-            controller.forces,
-            truth,
-            parts_of_step,
-            SENSED[setup.scene.sensors.quantity].over_step,
-        )
-    try:
-        controller.check()
-    except LawFault as error:
-        raise SceneError(str(error)) from error
-    return truth
+    side = plant_side(plant, build_sensor(setup, steps))
+    side = side._replace(
+        parts_of_step=parts_of_step, sensed_mean=SENSED[setup.scene.sensors.quantity].over_step
+    )
+    unsent = empty_unsent(steps * parts_of_step, len(controller.law_state.history))
+    with _watching(setup, controller):
+        loop.run(side, exchange(DIRECT, controller_side(controller)), unsent, steps)
+    _check(controller)
+    return unsent.truth

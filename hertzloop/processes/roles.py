@@ -135,22 +135,21 @@ def run_plant(
 ) -> dict[str, Any]:
     """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a repeat of
     a recorded run, or at a pace; says how fast that went."""
-    from hertzloop.loop.paced import PacedPlantNode
     from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
     from hertzloop.loop.plant_streams import EVERY_S
 
     repeat = repeated_run(read(options.repeat)) if options.repeat else None
     profile = RealtimeProfile(Wanted(options.realtime), PLANT)
     with _joined(address, PLANT, options) as port:
-        every_s = 0.0 if options.pace else EVERY_S
         exchange = ExchangeOptions(
-            options.horizon, options.timeout_s, address.wait_s, options.fast_lane, every_s
+            max_exchange_steps=options.horizon,
+            timeout_s=options.timeout_s,
+            wait_s=address.wait_s,
+            shared_memory=options.fast_lane,
+            every_s=0.0 if options.pace else EVERY_S,
+            pace=options.pace,
         )
-        node = (
-            PacedPlantNode(setup, port, options.pace, exchange, on_progress)
-            if options.pace
-            else PlantNode(setup, port, exchange, on_progress, repeat)
-        )
+        node = PlantNode(setup, port, exchange, on_progress, repeat)
         port.liveliness.announce()
         port.liveliness.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
@@ -177,7 +176,7 @@ def run_controller(
 
     profile = RealtimeProfile(Wanted(options.realtime), CONTROLLER)
     with _joined(address, CONTROLLER, options) as port:
-        node = ControllerNode(port, law=law, fast_lane=options.fast_lane)
+        node = ControllerNode(port, law=law, shared_memory=options.fast_lane)
         port.liveliness.announce()
         port.liveliness.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()

@@ -74,7 +74,7 @@ def run_and_assess(
         transport=options.transport.value,
         wall_s=stats["wall_s"],
         exchanges=int(stats["exchanges"]),
-        lane=stats["lane"],
+        lane=stats["shared_memory"],
         realtime=stats.get("realtime", ""),
         busy_s=stats.get("busy_s", {}),
         waited_s=stats["waited_s"],

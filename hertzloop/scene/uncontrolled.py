@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.controller.loading.law import LawError
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.metrics.impacts import contacts
@@ -42,7 +43,7 @@ def _uncontrolled_force_n(free: Setup) -> tuple[np.ndarray | None, float]:
     while steps <= (_MOST_PUBLISHED if published else _MOST_STEPS):
         run = free.scene.run.replaced(duration_s=lead_s + steps * free.run.step_s)
         short = resolve(free.scene.replaced(run=run))
-        truth = ts.series_under(build_plant(short), np.zeros(short.run.steps))
+        truth = series_under(build_plant(short), np.zeros(1), short.run.steps)
         found = first_contact_force_n(truth, free.mechanics.contact.stiffness, published)
         if found is not None:
             return found, steps * free.run.step_s

@@ -69,6 +69,15 @@ def _kernels(model: type) -> Any:
     return sys.modules[model.__module__]
 
 
+# As `kernel(part=True)`: a step is compiled into its caller.
+_PART = {
+    "error_model": "numpy",
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "forceinline": True,
+    "_nrt": False,
+}
+
 # What a compiled caller calls of whatever scheme its model is; settled when it is compiled.
 
 
@@ -88,10 +97,9 @@ def contact_energy(model: Any, state: Any) -> float:
     return float(plain(_kernels(type(model)).contact_energy)(model, state))
 
 
-@overload(step, inline="always")
+@overload(step, jit_options=_PART)
 def _step(model, state, command):
-    of_scheme = _kernels(model.instance_class).step
-    return lambda model, state, command: of_scheme(model, state, command)
+    return plain(_kernels(model.instance_class).step)
 
 
 @overload(close_balance, inline="always")

@@ -69,9 +69,9 @@ class Pair:
         self.plant = PlantNode(
             self.scene,
             self.ports[PLANT],
-            ExchangeOptions(timeout_s=self.timeout_s, fast_lane=self.fast_lane),
+            ExchangeOptions(timeout_s=self.timeout_s, shared_memory=self.fast_lane),
         )
-        self.controller = ControllerNode(self.ports[CONTROLLER], fast_lane=self.takes_lane)
+        self.controller = ControllerNode(self.ports[CONTROLLER], shared_memory=self.takes_lane)
 
     def _control(self) -> None:
         try:

@@ -122,7 +122,8 @@ from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.factory import plant_at_start
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant import state_kernels
-from hertzloop.plant.time_series import XI, series_under
+from hertzloop.plant.time_series import XI
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.plant.structures.registry import STRUCTURES, Description, structure
 from tests.plant.rigs import spec
 

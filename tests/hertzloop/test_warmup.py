@@ -52,16 +52,13 @@ def test_a_scheme_is_compiled_once_for_all_plants(ran):
 
 
 def test_each_compilation_says_what_is_compiled(ran, monkeypatch):
-    """Once for the model, and again, under its own name, for a first paced run."""
     told: list[str] = []
     monkeypatch.setattr(prepare, "announce_compilation", told.append)
-    scene, paced = aluminium_3mm(*COARSE), [*warmup.RUN, warmup.Work.PACED]
-    for works in (warmup.RUN, warmup.RUN, paced, paced):
-        prepare.compile_first(scene, works=works)
+    for _ in range(2):
+        prepare.compile_first(aluminium_3mm(*COARSE))
     prepare.compile_first(aluminium_3mm(*COARSE, *SCHEMES["published"]))
     assert [words.split(":")[0] for words in told] == [
         "the model",
-        "the plant of a paced run",
         "for this kind of scene or command",
     ]
 

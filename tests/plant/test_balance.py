@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import Contact, Limit, hertz_stiffness
@@ -16,7 +17,6 @@ from hertzloop.plant.schemes.modal_kernels import CONTACT_WORK, WORK
 from hertzloop.plant.state_kernels import F_C, FLIGHT_V, INJECTED
 from hertzloop.plant.structures.linear import MEAN
 from hertzloop.plant.structures.materials import MATERIALS
-from hertzloop.plant.time_series import series_under
 from hertzloop.scene.setup import load
 from tests.plant.rigs import run, spec
 from tests.tiers import default

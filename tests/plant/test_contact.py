@@ -5,6 +5,7 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.contact.hertz import (
     Contact,
@@ -31,7 +32,7 @@ def hertz_errors(step_s: float) -> tuple[float, float]:
     plant = rigid(step_s, Contact(STIFFNESS), speed_m_s=SPEED)
     mass = plant.model.mass_kg
     contact_s = rigid_contact_time_s(mass, STIFFNESS, SPEED)
-    truth = ts.series_under(plant, np.zeros(round(1.3 * contact_s / step_s)))
+    truth = series_under(plant, np.zeros(round(1.3 * contact_s / step_s)))
     assert abs(truth[ts.XI_P]).max() < 1e-20  # the support does not give way
     (found,) = impacts_in(plant.spec, truth)
     # Peak of the parabola through the three largest forces: no error from where samples fall.

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import (
     Contact,
@@ -18,7 +19,6 @@ from hertzloop.plant.contact.hertz import (
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.structures.materials import MATERIALS
-from hertzloop.plant.time_series import series_under
 from tests.plant.rigs import after_steps, spec
 from tests.plant.test_solution import reference
 

@@ -7,13 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.plant.metrics import noise
 from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.schemes.thesis2008 import green_functions
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.time_series import F_A, F_C, F_C1, series_under
+from hertzloop.plant.time_series import F_A, F_C, F_C1
 from tests.plant.rigs import spec
 
 PLATES = {

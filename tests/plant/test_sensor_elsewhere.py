@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.margin import beside_the_contact
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.fitting.fit.problem.problem_preparation import with_measuring_point
 from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
 from hertzloop.fitting.records.errors import RecordError
@@ -98,7 +99,7 @@ def test_the_contact_force_moves_the_sensor_as_the_modes_say():
         answer = np.exp(-delta * late) * (np.cos(w * late) - delta / w * np.sin(w * late))
         velocity += modes.scale_per_kg * c * s * float(np.sum(push * answer))
     plant = build_plant(setup)
-    ts.series_under(plant, np.zeros(steps))
+    series_under(plant, np.zeros(steps))
     assert plant.state.body[SENSOR_V] == pytest.approx(velocity, rel=1e-9)
 
 

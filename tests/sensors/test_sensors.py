@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.time_series import series_under
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.setup import Setup, load

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from benchmarks.exported import build, drive, same_bytes
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.interop import image as images
 from hertzloop.interop.fmu import EXAMPLE
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.time_series import series_under
 from hertzloop.scene.build import build_plant
 from tests.commands import as_options, refused, succeed
 from tests.hertzloop.interop.plant_in_c import NOISY, SHORT, InC, exported

@@ -69,7 +69,7 @@ def way(seed: int) -> dict[str, Any]:
     draw = np.random.default_rng([seed, 1])
     return {
         "horizon": None if seed % 2 else int(draw.integers(10, 500)),
-        "controller": lambda port: ControllerNode(port, look_ahead=seed % 4 < 3),
+        "controller": lambda port: ControllerNode(port, commands_ahead=seed % 4 < 3),
     }
 
 

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import re
 import time
 from functools import cache
 from itertools import pairwise
@@ -13,7 +14,7 @@ import pytest
 from hertzloop.bus import codec, lane, lane_kernels
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
-from hertzloop.loop.controller_lane import ControllerLane
+from hertzloop.loop.answering import Answering
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.run_options import Transport
 from hertzloop.recordings.compare import first_difference
@@ -50,7 +51,7 @@ def test_one_core():
         pair = Pair(long_scene()).run()
     finally:
         os.sched_setaffinity(0, cores)
-    assert pair.plant.buffer.lane.spins == 0
+    assert pair.plant.exchange.ring.spins == 0
     assert pair.fault == pair.controller_fault == ""
 
 
@@ -59,7 +60,7 @@ def lane_of_same_run(**how: Any) -> str:
     pair = Pair(scene_of(FEEDBACK), **how).run()
     assert pair.fault == pair.controller_fault == ""
     assert pair.samples() == over_the_bus()
-    return pair.stats.lane
+    return pair.stats.shared_memory
 
 
 def test_without_a_lane_the_run_is_the_same(monkeypatch):
@@ -91,7 +92,7 @@ def test_what_is_no_segment_is_not_joined(tmp_path, what):
     os.close(fds["unsealed"])
     segment.withdraw()
     assert pair.fault == pair.controller_fault == ""
-    assert pair.stats.lane == "NOT_ALLOWED"
+    assert pair.stats.shared_memory == "NOT_ALLOWED"
 
 
 def test_nothing_of_it_has_a_name():
@@ -114,29 +115,25 @@ def test_no_end_can_change_its_size_or_seal_it_further():
     segment.withdraw()
 
 
-@pytest.mark.parametrize(
-    ("stream", "field", "differs"),
-    [("daq", "value", "at sample"), ("force", "force_n", "at step")],
-)
-def test_the_lane_and_the_bus_must_say_the_same(stream, field, differs):
-    """The last bit of one number is another on the bus."""
+@pytest.mark.parametrize(("stream", "of"), [("daq", "samples"), ("force", "forces of steps")])
+def test_what_the_ring_brought_has_the_checksum_of_the_bus(stream, of):
     pair = Pair(long_scene())
 
     def alter(envelope: Envelope) -> Envelope:
         if envelope.stream != stream:
             return envelope
         block = codec.decode(STREAMS[stream].message, envelope.payload)
-        values = block.arrays[field].copy()
-        if block.header.first_step + len(values) < 3000:
+        if not block.header.checksum:
             return envelope
-        values.view(np.int64)[-1] ^= 1  # a quick controller may send one block for all
-        return Envelope(stream, codec.encode(block.header, **{field: values}))
+        block.header.checksum ^= 1
+        return Envelope(stream, codec.encode(block.header, **block.arrays))
 
     pair.ports[PLANT if stream == "daq" else CONTROLLER].alter = alter
     pair.run()
     noticed = pair.controller_fault if stream == "daq" else pair.fault
-    assert f"stream '{stream}' sequence" in noticed
-    assert f"differs from what the lane brought {differs}" in noticed
+    assert re.search(
+        rf"'{stream}' sequence \d+: {of} \d+ to \d+ differ from what the ring", noticed
+    )
     assert noticed in pair.fault
 
 
@@ -162,11 +159,11 @@ def test_a_broken_answer_in_the_lane_ends_the_run(word, value, said, monkeypatch
             end.words[at] = end.own[lane_kernels.TAKEN] + 1
 
     def work(node: ControllerNode, timeout_s: float) -> None:
-        if pair.plant.buffer.uses_lane and node.samples > 2000 and not spoiled:
+        if pair.plant.in_ring and node.samples > 2000 and not spoiled:
             # The plant takes all answers, sends a sample and waits for the next; then it sees
             # the spoiled one before the true one takes its place.
-            lane = pair.plant.buffer.lane
-            wait_for(lambda: pair.plant.buffer.samples == node.samples)
+            lane = pair.plant.exchange.ring
+            wait_for(lambda: pair.plant.answered == node.samples)
             slot = lane_kernels.SAMPLE_WORDS * (node.samples % lane.slots)
             wait_for(lambda: lane.words[lane_kernels.SAMPLE_RING + slot] == node.samples + 1)
             spoil(lane, node.samples)
@@ -197,7 +194,7 @@ def test_silence_is_named_in_time(silent, monkeypatch):
     pair.run()
     if silent == CONTROLLER:
         assert "plant waited 2 s for the force for step" in pair.fault
-        assert "from the controller: nothing came in the lane" in pair.fault
+        assert "from the controller: nothing came in the ring" in pair.fault
     else:
         assert "controller waited 2 s for samples from the plant" in pair.controller_fault
 
@@ -209,9 +206,9 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch):
     timeout_s, delay_s = 3.0, 0.002
     scene = load(VARIANTS[FEEDBACK][0], [*VARIANTS[FEEDBACK][1], "run.duration_s=0.003"])
     pair, told = Pair(scene, timeout_s=timeout_s), list[int]()
-    serve, publish = ControllerLane.answer_samples, pair.ports[PLANT].publish
+    serve, publish = Answering.answer_in_ring, pair.ports[PLANT].publish
 
-    def slow(answers: ControllerLane, limit: int) -> None:
+    def slow(answers: Answering, limit: int) -> None:
         if limit > answers.samples:
             time.sleep(delay_s)
         serve(answers, min(limit, answers.samples + 1))
@@ -220,7 +217,7 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch):
         told.append(pair.controller.samples)
         publish(envelope)
 
-    monkeypatch.setattr(ControllerLane, "answer_samples", slow)
+    monkeypatch.setattr(Answering, "answer_in_ring", slow)
     pair.ports[PLANT].publish = tell  # type: ignore[method-assign]
     pair.run()
     assert pair.fault == pair.controller_fault == ""

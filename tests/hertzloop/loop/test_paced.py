@@ -15,10 +15,9 @@ from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.bus.streams import PLANT
-from hertzloop.loop import pace_kernels
+from hertzloop.closed_loop import clock
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import LateForces
-from hertzloop.loop.paced import PacedPlantNode
 from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
 from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
 from hertzloop.recordings.compare import first_difference
@@ -41,21 +40,14 @@ from tests.hertzloop.scenes import aluminium_3mm
 FEEDBACK = ["controller.law=velocity_feedback", "controller.kappa=0.1", "run.accuracy=0.1"]
 
 
-@pytest.fixture(scope="session", autouse=True)
-def warm_paced_kernels(warm_kernels):
-    from hertzloop.warmup import RUN, Work, ensure_compiled
-
-    ensure_compiled(works=[*RUN, Work.PACED])
-
-
 def feedback(*settings: str) -> Setup:
     return aluminium_3mm(*FEEDBACK, "run.duration_s=0.0025", *settings)
 
 
 def paced(scene: Setup, pace: float, lane: bool = True, timeout_s: float = EVENTUALLY_S) -> Pair:
     pair = Pair(scene, timeout_s, fast_lane=lane)
-    exchange = ExchangeOptions(timeout_s=timeout_s, fast_lane=lane)
-    pair.plant = PacedPlantNode(scene, pair.ports[PLANT], pace, exchange)
+    options = ExchangeOptions(timeout_s=timeout_s, shared_memory=lane, pace=pace)
+    pair.plant = PlantNode(scene, pair.ports[PLANT], options)
     return pair
 
 
@@ -64,7 +56,7 @@ def repeated(scene: Setup, repeat: RepeatedRun, lane: bool = True) -> Pair:
     pair.plant = PlantNode(
         scene,
         pair.ports[PLANT],
-        ExchangeOptions(timeout_s=EVENTUALLY_S, fast_lane=lane),
+        ExchangeOptions(timeout_s=EVENTUALLY_S, shared_memory=lane),
         repeat=repeat,
     )
     return pair.run()
@@ -78,7 +70,7 @@ def test_with_time_to_spare_it_is_the_run_in_lock_step(lane, tmp_path):
     pair = paced(scene, 0.00005, lane).run()
     assert pair.fault == pair.controller_fault == ""
     assert pair.stats.wall_s >= 1.17  # the last of 60 steps begins then
-    assert pair.stats.lane == ("JOINED" if lane else "")
+    assert pair.stats.shared_memory == ("JOINED" if lane else "")
     told = pacing_of(pair.recorded(tmp_path / "paced.mcap"))
     assert told.clock.slack_us == pytest.approx(420_000.0)
     assert told.clock.answers_in_time == 1.0
@@ -219,10 +211,10 @@ def test_events_do_not_depend_on_how_a_run_is_cut():
 
 
 def test_classes_of_response_times():
-    ends = class_ends_ns(pace_kernels.CLASSES, pace_kernels.CLASSES_AN_OCTAVE)
+    ends = class_ends_ns(clock.CLASSES, clock.CLASSES_AN_OCTAVE)
     starts = np.concatenate([[0], ends[:-1]])
     for ns in [*range(200), *(int(1.07**i) for i in range(80, 400))]:
-        at = pace_kernels.class_of(ns)
+        at = clock.class_of(ns)
         assert starts[at] <= ns < ends[at]
     assert np.max((ends - starts)[64:] / starts[64:]) <= 1 / 32
 

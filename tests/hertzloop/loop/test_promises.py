@@ -1,4 +1,4 @@
-"""The promise of zero force, as answers over the bus and in shared memory begin and end it."""
+"""The trigger level: an answer means the same over the bus and in shared memory."""
 
 import math
 from itertools import product
@@ -7,64 +7,63 @@ import numpy as np
 import pytest
 
 from hertzloop.bus.messages_pb2 import ForceBlock
-from hertzloop.loop import kernels as loop_kernels
-from hertzloop.loop.force_buffer import ForceBuffer
-from hertzloop.loop.kernels import (
-    BROKEN_AT,
-    PROMISED,
-    REACHED,
+from hertzloop.closed_loop.exchange import (
+    GO,
+    LOCK_STEP,
     SAMPLES_END,
     SAMPLES_FIRST,
-    WINDOW_COUNTS,
-    Window,
+    Exchange,
+    Unsent,
+    accept,
 )
-from tests.hertzloop.short_runs import scene
+from hertzloop.closed_loop.grant import TRIGGERED, ZERO_UNTIL_TRIGGER
+from hertzloop.closed_loop.parts import elsewhere, empty_unsent, exchange
+from hertzloop.loop.plant_exchange import receive_forces
 
-TAKEN, LEVEL = 9, 1.0  # samples, and the level of the promise before
-SEEN, BROKEN = (5, TAKEN), (0, 5, 6, TAKEN)  # samples answered; taken when one fell to the level
-CASES = list(product((False, True), SEEN, BROKEN, (None, LEVEL, 2.0)))
-
-
-def buffer_after(promised, broken_at):
-    none = np.zeros(0)
-    window = Window(np.zeros((0, 0)), none, none, none, np.zeros(WINDOW_COUNTS, np.int64))
-    window.counts[[SAMPLES_FIRST, SAMPLES_END]] = TAKEN
-    buffer = ForceBuffer(scene(), window)
-    buffer.grant.level[0] = LEVEL
-    buffer.grant.counts[PROMISED], buffer.grant.counts[BROKEN_AT] = promised, broken_at
-    return buffer, window
+TAKEN, LEVEL = 9, 1.0  # samples, and the trigger level before
+SEEN, TRIGGERS = (5, TAKEN), (0, 5, 6, TAKEN)  # samples answered; taken when one fell to the level
+CASES = list(product((False, True), SEEN, TRIGGERS, (None, LEVEL, 2.0)))
 
 
-def over_the_bus(promised, seen, broken_at, level):
-    """Promise and level after an answer; without a promise the header still has a level."""
-    buffer, _ = buffer_after(promised, broken_at)
+def exchange_after(zero: bool, triggered: int) -> tuple[Exchange, Unsent]:
+    unsent, found = empty_unsent(0, 0), exchange(LOCK_STEP, elsewhere(np.zeros(100)))
+    unsent.counts[[SAMPLES_FIRST, SAMPLES_END]] = TAKEN
+    found.grant.trigger_level[0] = LEVEL
+    found.grant.counts[ZERO_UNTIL_TRIGGER], found.grant.counts[TRIGGERED] = zero, triggered
+    return found, unsent
+
+
+def granted(found: Exchange) -> tuple[bool, float]:
+    return bool(found.grant.counts[ZERO_UNTIL_TRIGGER]), float(found.grant.trigger_level[0])
+
+
+def over_the_bus(zero, seen, triggered, level):
+    """Whether the force is zero, and the level, after an answer; a header always has a level."""
+    found, unsent = exchange_after(zero, triggered)
     header = ForceBlock(
         samples_seen=seen,
         promise_zero=level is not None,
         promise_level=7.0 if level is None else level,
     )
-    buffer.receive(header, np.zeros(1), 0)
-    return bool(buffer.grant.counts[PROMISED]), float(buffer.grant.level[0])
+    receive_forces(found, unsent, header, np.zeros(1), 0)
+    return granted(found)
 
 
-def in_the_lane(promised, seen, broken_at, level):
-    buffer, window = buffer_after(promised, broken_at)
-    status = loop_kernels._accept_record(
-        0, seen, 0.0, math.nan if level is None else level, buffer.forces, window, buffer.grant
-    )
-    assert status == REACHED
-    return bool(buffer.grant.counts[PROMISED]), float(buffer.grant.level[0])
+def in_the_ring(zero, seen, triggered, level):
+    found, unsent = exchange_after(zero, triggered)
+    assert accept(found, unsent, 0, seen, 0.0, math.nan if level is None else level) == GO
+    return granted(found)
 
 
-@pytest.mark.parametrize(("promised", "seen", "broken_at", "level"), CASES)
-def test_an_answer_means_the_same_over_the_bus_and_in_the_lane(promised, seen, broken_at, level):
-    before = promised, LEVEL
+@pytest.mark.parametrize(("zero", "seen", "triggered", "level"), CASES)
+def test_an_answer_means_the_same_over_the_bus_and_in_the_ring(zero, seen, triggered, level):
+    before = zero, LEVEL
     kept = before if level is None else (True, level)
     if seen == TAKEN:
         expected = (False, LEVEL) if level is None else kept
-    elif seen < broken_at or level == 2.0:
-        expected = before  # a sample taken since then may have broken it
+    elif seen < triggered or level == 2.0:
+        expected = before  # a sample taken since then may have triggered
     else:
         expected = (level is not None, LEVEL)
-    assert over_the_bus(promised, seen, broken_at, level) == expected
-    assert in_the_lane(promised, seen, broken_at, level) == expected
+    assert over_the_bus(zero, seen, triggered, level) == expected
+    assert in_the_ring(zero, seen, triggered, level) == expected

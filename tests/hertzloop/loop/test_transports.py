@@ -164,7 +164,7 @@ def in_threads(scene: Setup, path: Path) -> Recording:
     """A run over the lane, with queues for a bus."""
     pair = Pair(scene).run()
     assert pair.fault == pair.controller_fault == ""
-    assert pair.stats.lane == "JOINED"
+    assert pair.stats.shared_memory == "JOINED"
     return checked(pair.recorded(path), scene)
 
 

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.loop.simulate import finer_loop, simulate
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.factory import built
-from hertzloop.plant.time_series import F_A, F_C, XI, series_under
+from hertzloop.plant.time_series import F_A, F_C, XI
 from hertzloop.results.verification import (
     _START,
     finer_spec,

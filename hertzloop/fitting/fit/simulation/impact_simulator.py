@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.closed_loop.parts import free_start
 from hertzloop.fitting.fit.keys.key_scope import drop_values
 from hertzloop.fitting.fit.simulation.simulated_impact import SimulatedImpact
 from hertzloop.plant import state_kernels
@@ -207,7 +208,7 @@ class ImpactSimulator:
         """Simulate the drop of another plant until `until_s` after the touch."""
         steps = 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns)
         plant = self.plant_of(spec)
-        truth = ts.series_under(plant, np.zeros(steps))
+        truth = free_start(plant, steps)
         time_s = np.arange(steps) * spec.step_s - _lead_s(spec)
         return self.as_impact(spec, plant, time_s, truth)
 

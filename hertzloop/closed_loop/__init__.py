@@ -1,0 +1,1 @@
+"""The compiled closed loop: one for a sweep, for processes, and for a plant alone."""
