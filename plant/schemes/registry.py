@@ -97,7 +97,7 @@ def contact_energy(model: Any, state: Any) -> float:
     return float(plain(_kernels(type(model)).contact_energy)(model, state))
 
 
-@overload(step, jit_options=_PART)
+@overload(step, jit_options=_PART, strict=False)
 def _step(model, state, command):
     return plain(_kernels(model.instance_class).step)
 
