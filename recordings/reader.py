@@ -14,7 +14,6 @@ from hertzloop.recordings.file_format import (
     other_format,
 )
 from hertzloop.recordings.mcap_file import McapFile
-from hertzloop.recordings.reconcile import compare_with_hello, reconcile
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.run_reader import RunReader, StreamMessage
 from hertzloop.recordings.writer import RecordingError, UnreadableRecording
@@ -45,15 +44,15 @@ def read_run(path: Path, copy: Callable[[StreamMessage], Any] = lambda found: No
     recording = run.recording
     recording.unchecked = file.unchecked
     _check_format(run, file)
-    compare_with_hello(run)
+    run.compare_with_hello()
     if not recording.scene_toml:
-        if not file.header.library and not run.counters:
+        if not file.header.library and not run.checker.counters:
             raise UnreadableRecording(
                 f"{path}: is not an MCAP recording of hertzloop. Its exports cannot be read back"
             )
         why = f" ({file.damage})" if file.damage else ""
         raise UnreadableRecording(f"{path} holds no scene{why}: not a recording of hertzloop")
-    reconcile(run)
+    run.reconcile()
     if file.damage:
         run.report(f"the file is cut off or damaged at {file.damage}; it is not read on")
     _report_outcome(run)

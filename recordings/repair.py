@@ -60,7 +60,7 @@ def repair(path: Path, whole: Path, overwrite: bool = False) -> Repaired:
                 new.law(old.law_source)
             for stream, message in messages:
                 new.write(stream, message.data, message.sequence, message.log_time)
-            counts = {name: f"{c.messages} {c.samples}" for name, c in run.counters.items()}
+            counts = {name: f"{c.messages} {c.samples}" for name, c in run.checker.counters.items()}
             new.finish({"complete": "no" if fault else "yes", "fault": fault, **counts})
         except NotRecorded as error:
             raise error.reason from error  # `whole_file` names the file

@@ -1,4 +1,7 @@
-"""What a recording says of its run, from the records of its file one after the other."""
+"""What a recording says of its run, from the records of its file one after the other.
+
+Every message passes the checks that the recorder made when it came over the bus.
+"""
 
 import sys
 from dataclasses import dataclass, field
@@ -7,30 +10,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
-from hertzloop.bus import codec, sequence_checker, streams
+from hertzloop.bus import codec, streams
 from hertzloop.bus.codec import DecodedBlock, MessageError
-from hertzloop.bus.messages_pb2 import Hello
-from hertzloop.bus.sequence_checker import not_finite
+from hertzloop.bus.sequence_checker import SequenceChecker
+from hertzloop.bus.streams import CONTROLLER, PLANT, Envelope, StreamFault
 from hertzloop.recordings.file_format import (
     LAW_ATTACHMENT,
     RESULT_METADATA,
     RUN_METADATA,
     SCENE_ATTACHMENT,
     TOPICS,
+    run_metadata,
 )
 from hertzloop.recordings.recording import SAMPLED, Event, Recording, SampledStream, event_data
 
 MOST_EVENTS = 1_000_000  # a sphere at rest: 130 000 in 20 million steps
-MOST_TEXT = 200_000_000  # characters of all events together
 _MOST_PROBLEMS = 40
-OTHER_EVENTS = "events"  # stream of events whose publisher is not a role
-_STREAM_OF_TOPIC = {
-    topic: next(s for s in streams.STREAMS.values() if s.topic == topic) for topic in TOPICS
-}
-
-
-class RejectedMessage(Exception):
-    """Why a message cannot be part of the run."""
+_DIGITS = 20  # more than the number of steps of any run has
+_SHARED = "/events", "/end"  # topics of two streams each
 
 
 class StreamMessage(NamedTuple):
@@ -46,24 +43,19 @@ class RunReader:
 
     Attributes:
         recording: The recording so far; `join` completes its streams.
-        hello: First message of the plant; None without one.
-        announced_toml: The whole scene, if the hello leaves out some of it.
-        counters: Messages and samples by stream.
+        checker: Checks every message; knows the hello and the counts.
         finished: Whether the file has a result of the run.
     """
 
     recording: Recording
-    hello: Hello | None = None
-    announced_toml: str = ""
-    counters: dict[str, sequence_checker.Counter] = field(default_factory=dict)
+    checker: SequenceChecker = field(default_factory=SequenceChecker)
     finished: bool = False
-    _run_id: int = 0
+    _announced_toml: str = ""  # the whole scene, if the hello leaves out some of it
     _channels: dict[int, str] = field(default_factory=dict)
-    _next: dict[str, int] = field(default_factory=dict)  # step of a block, number of a message
-    _ended: set[str] = field(default_factory=set)  # streams with a gap: what follows is not used
-    _columns: dict[tuple[str, str], tuple[np.dtype, bytearray]] = field(default_factory=dict)
-    _finite: set[str] = field(default_factory=lambda: set(SAMPLED))
-    _text: int = 0  # characters of the events
+    _ended: set[str] = field(default_factory=set)  # streams with a fault: they are not read on
+    _columns: dict[str, dict[str, tuple[np.dtype, bytearray]]] = field(
+        default_factory=lambda: {name: {} for name in SAMPLED}
+    )
 
     def report(self, sentence: str) -> None:
         """Add to the problems of the recording, unless there are too many."""
@@ -85,7 +77,7 @@ class RunReader:
             topic = self._channels.get(record.channel_id)
             if topic is None:
                 self.report("the file does not say what some messages are")
-            elif topic not in _STREAM_OF_TOPIC:
+            elif topic not in TOPICS:
                 self.recording.others += 1
             else:
                 return self._message(topic, record)
@@ -106,162 +98,121 @@ class RunReader:
         if metadata.name == RUN_METADATA:
             if found.metadata:
                 self.report("there is a second description of the run; the first is used")
-                return
-            found.metadata = dict(metadata.metadata)
-            try:
-                self._run_id = int(found.metadata.get("run_id", "0"), 16)
-            except ValueError:
-                self.report("the run's id cannot be read")
+            found.metadata = found.metadata or dict(metadata.metadata)
         elif metadata.name == RESULT_METADATA:
             if self.finished:
                 self.report("there is a second result of the run; the first is used")
-            else:
-                found.result, self.finished = dict(metadata.metadata), True
+            found.result, self.finished = found.result or dict(metadata.metadata), True
 
     def _message(self, topic: str, message: Message) -> StreamMessage | None:
-        kind, name = _STREAM_OF_TOPIC[topic].name, topic[1:]
+        name = topic[1:]
         try:
-            block = codec.decoded(streams.Envelope(kind, message.data))
-            header: Any = block.header
-            if topic == "/events":
-                # A controller of the user may call itself by any name.
-                name = f"events/{header.name}"
-                name = name if name in streams.STREAMS else OTHER_EVENTS
-            elif topic == "/end":
-                name = f"end/{header.role}"
-            if name not in streams.STREAMS and name != OTHER_EVENTS:
-                raise RejectedMessage(f"'{name[:40]}' is not a stream of a run")
-            if hasattr(header, "run_id"):
-                self._run_id = self._run_id or header.run_id
-                if header.run_id != self._run_id:
-                    raise RejectedMessage(
-                        f"it belongs to run {header.run_id:x}, not to {self._run_id:x}"
-                    )
+            if topic in _SHARED:
+                name = _stream_of(topic, message.data)
             if name in self._ended:
                 return None
-            if name not in SAMPLED:
-                self._single(name, block, message)
-            elif not self._block(name, block, message):
-                return None
-        except (MessageError, RejectedMessage) as error:
-            self.report(f"a message of stream '{name[:40]}' is ignored: {error}")
+            block = self.checker.accept(Envelope(name, message.data, message.sequence))
+            self._keep(name, block)
+        except (MessageError, StreamFault) as error:
+            self.report(f"{error}; the stream is not read on")
+            self._ended.add(name)
             return None
-        counter = self.counters.setdefault(name, sequence_checker.Counter())
-        counter.messages += 1
-        counter.samples += codec.sample_count(block)
-        return StreamMessage(name if name in streams.STREAMS else kind, message)
+        return StreamMessage(name, message)
 
-    def _single(self, name: str, block: DecodedBlock, message: Message) -> None:
-        """Keep a message without samples, and report what is missing before it."""
+    def _keep(self, name: str, block: DecodedBlock) -> None:
+        """Keep what a message holds. Raises StreamFault if it does not fit those before."""
         found, header = self.recording, block.header
-        if name == OTHER_EVENTS:
-            self._event(header, message)
-            return
-        expected = self._next.get(name, 0)
-        if message.sequence < expected:
-            raise RejectedMessage(f"number {message.sequence} is repeated")
-        if streams.STREAMS[name].once and self.counters.get(name):
-            raise RejectedMessage("there is a second one; the first is used")
-        if name.startswith("events/"):
-            self._event(header, message)
-        elif name == "hello":
-            self.hello = header
-        elif name == "scene":
-            self.announced_toml = header.scene_toml
-        elif name == "pacing":
-            found.pacing = block
+        if name in SAMPLED:
+            self._append(name, block)
+        elif name.startswith("events/"):
+            if len(found.events) >= MOST_EVENTS:
+                raise StreamFault(f"there are more than {MOST_EVENTS} events")
+            # Not ToNanoseconds(): it refuses times beyond the calendar.
+            time_ns = header.timestamp.seconds * 1_000_000_000 + header.timestamp.nanos
+            publisher = sys.intern(header.name)
+            data = event_data(header)
+            found.events.append(Event(time_ns, publisher, header.level, header.message, data))
         elif name.startswith("end/"):
             found.ends[header.role] = header
+        elif name == "scene":
+            self._announced_toml = header.scene_toml
+        elif name == "pacing":
+            found.pacing = block
         elif name == "balance":
             found.balance = header
-            if wrong := not_finite(header, {}):
-                self.report(f"the energy balance holds {wrong}, which is not finite")
-        self._next[name] = message.sequence + 1
-        if message.sequence > expected:
-            self.report(
-                f"stream '{name}': number {message.sequence} follows where {expected} was due"
-            )
 
-    def _event(self, log: Any, message: Message) -> None:
-        # Not ToNanoseconds(): it refuses times beyond the calendar.
-        time_ns = log.timestamp.seconds * 1_000_000_000 + log.timestamp.nanos
-        events = self.recording.events
-        if time_ns != message.log_time or time_ns > streams.LAST_NS:
-            raise RejectedMessage(f"an event of {time_ns} ns is recorded at {message.log_time} ns")
-        if len(events) >= MOST_EVENTS:
-            raise RejectedMessage(f"there are more than {MOST_EVENTS} events")
-        self._text += len(log.message) + len(log.name) + len(log.quantity)
-        if self._text > MOST_TEXT:
-            raise RejectedMessage(f"the events have more than {MOST_TEXT} characters")
-        name = sys.intern(log.name)
-        events.append(Event(time_ns, name, log.level, log.message, event_data(log)))
-
-    def _block(self, name: str, block: DecodedBlock, message: Message) -> bool:
-        """Add a block of samples; whether it follows the one before it.
-
-        Raises:
-            RejectedMessage: it contradicts itself, its message or earlier blocks, or comes twice.
-        """
+    def _append(self, name: str, block: DecodedBlock) -> None:
         header: Any = block.header
         stream: SampledStream = getattr(self.recording, name)
-        arrays = {label: values for label, values in block.arrays.items() if len(values)}
+        columns, arrays = self._columns[name], {k: v for k, v in block.arrays.items() if len(v)}
         if flags := getattr(header, "saturated", b""):
             arrays["saturated"] = np.frombuffer(flags, np.uint8)
-        count = max(map(len, arrays.values()), default=0)
-        every = getattr(header, "every_steps", 1)
-        _check_block(header, message, every, arrays, count)
-        due, step = stream.messages, self._next.get(name, 0)
-        where = (
-            f"sequence {header.sequence} at step {header.first_step} follows where sequence "
-            f"{due} at step {step} was expected"
-        )
-        if header.sequence < due or header.first_step < step:
-            raise RejectedMessage(where)
-        if header.sequence > due or header.first_step > step:
-            self.report(f"stream '{name}': {where}; it is not read on")
-            self._ended.add(name)
-            return False
-        for label in ("step_ns", "every_steps", "scale", "offset"):
-            before = getattr(stream, label)
-            value = getattr(header, label, before)
-            # As text: NaN equals itself there.
-            if due and repr(value) != repr(before):
-                raise RejectedMessage(f"its {label} is {value}, that of those before {before}")
-            setattr(stream, label, value)
-        known = {label for stream_name, label in self._columns if stream_name == name}
-        if count and known and set(arrays) != known:
-            raise RejectedMessage(f"its fields are {sorted(arrays)}, those before {sorted(known)}")
+        if columns and arrays and set(arrays) != set(columns):
+            raise StreamFault(
+                f"stream '{name}' sequence {header.sequence} has the fields {sorted(arrays)}, "
+                f"those before {sorted(columns)}"
+            )
         stream.messages += 1
-        self._next[name] = step + count * every
+        for label in ("step_ns", "every_steps", "scale", "offset"):
+            setattr(stream, label, getattr(header, label, getattr(stream, label)))
         for label, values in arrays.items():
-            _, data = self._columns.setdefault((name, label), (values.dtype, bytearray()))
-            data.extend(values.tobytes())
-            if name in self._finite and values.dtype.kind == "f" and not np.isfinite(values).all():
-                self._finite.discard(name)
-                at = step + every * int(np.flatnonzero(~np.isfinite(values))[0])
-                self.report(f"stream '{name}': {label} is not finite at step {at}")
-        return True
+            columns.setdefault(label, (values.dtype, bytearray()))[1].extend(values.tobytes())
 
     def join(self) -> None:
         """Complete the streams of the recording, after its last record."""
-        for (name, label), (dtype, data) in self._columns.items():
-            getattr(self.recording, name).arrays[label] = np.frombuffer(data, dtype)
+        for name, columns in self._columns.items():
+            stream: SampledStream = getattr(self.recording, name)
+            for label, (dtype, data) in columns.items():
+                stream.arrays[label] = np.frombuffer(data, dtype)
+
+    def compare_with_hello(self) -> None:
+        """Report where the hello contradicts scene and description; fill in what the file lacks."""
+        hello, found = self.checker.announced, self.recording
+        if hello is None:
+            return
+        described, scene_toml = run_metadata(hello), self._announced_toml or hello.scene_toml
+        if not found.scene_toml:
+            self.report("the scene is that of the hello: the file has no other")
+            found.scene_toml = scene_toml
+        elif found.scene_toml != scene_toml:
+            self.report("the hello has another scene than the file")
+        if not found.metadata:
+            self.report("the description of the run is that of the hello")
+            found.metadata = described
+        for key in sorted(set(found.metadata) & set(described)):
+            if found.metadata[key] != described[key]:
+                self.report(
+                    f"{key} is '{found.metadata[key][:40]}' in the file's description, "
+                    f"'{described[key][:40]}' in the hello"
+                )
+
+    def reconcile(self) -> None:
+        """Report where the counts that the roles announced, or the length of the run, do not
+        fit."""
+        found = self.recording
+        for role in (PLANT, CONTROLLER):
+            if role not in found.ends:
+                self.report(f"the {role} announced no end: counts cannot be reconciled")
+                continue
+            try:
+                self.checker.reconcile(found.ends[role])
+            except StreamFault as error:
+                self.report(str(error))
+        text = found.metadata.get("steps", "0")
+        end_step = found.truth.end_step
+        steps = int(text) if text.isdecimal() and len(text) < _DIGITS else -1
+        if steps < 0:
+            self.report(f"the length of the run cannot be read: '{text[:40]}'")
+        elif end_step < steps:
+            self.report(f"readable to step {end_step:,} of {steps:,} announced")
+        elif end_step > steps and "steps" in found.metadata:
+            self.report(f"stream 'truth' goes on to step {end_step:,} of {steps:,}")
 
 
-def _check_block(
-    header: Any, message: Message, every: int, arrays: dict[str, np.ndarray], count: int
-) -> None:
-    """Raise RejectedMessage if a block contradicts itself or its message."""
-    if not header.step_ns or not every:
-        raise RejectedMessage(
-            f"its steps have {header.step_ns} ns, a sample comes every {every} steps"
-        )
-    if (header.first_step + count * every) * header.step_ns > streams.LAST_NS:
-        raise RejectedMessage(f"it begins at step {header.first_step}, beyond any run")
-    if message.log_time != header.first_step * header.step_ns:
-        raise RejectedMessage(f"step {header.first_step} is recorded at {message.log_time} ns")
-    if message.sequence != header.sequence & 0xFFFFFFFF:
-        raise RejectedMessage(f"sequence {header.sequence} is recorded as {message.sequence}")
-    if len({len(values) for values in arrays.values()}) > 1:
-        lengths = {name: len(values) for name, values in arrays.items()}
-        raise RejectedMessage(f"its arrays have the lengths {lengths}")
+def _stream_of(topic: str, payload: bytes) -> str:
+    """Return the stream of a message, by its publisher. Raises MessageError."""
+    kind = next(s.name for s in streams.STREAMS.values() if s.topic == topic)
+    header: Any = codec.decoded(Envelope(kind, payload)).header
+    publisher = header.name if topic == "/events" else header.role
+    # A controller of the user may call itself by any name.
+    return f"{topic[1:]}/{PLANT if publisher == PLANT else CONTROLLER}"

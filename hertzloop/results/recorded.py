@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.bus.streams import CONTROLLER
-from hertzloop.plant.metrics.truth_kernels import all_finite
 from hertzloop.plant.time_series import TRUTH, XI_A, XI_P
 from hertzloop.recordings.recording import Recording
 from hertzloop.scene.errors import SceneError
@@ -16,8 +15,7 @@ NEEDED_FIELDS = set(TRUTH) - {"xi_a_m", "f_c1_n", "f_a1_n", "deepest_m"}
 
 
 def truth_of(recording: Recording) -> np.ndarray:
-    """Return the time series of a recording, shape (10, steps), up to the first step with a number
-    that is not finite.
+    """Return the time series of a recording, shape (10, steps).
 
     The actuator's place is the contact point, and forces are constant over a step, where the
     recording does not say otherwise.
@@ -28,8 +26,6 @@ def truth_of(recording: Recording) -> np.ndarray:
     truth = stream.matrix(tuple(TRUTH))
     if "xi_a_m" not in stream.arrays:
         truth[XI_A] = truth[XI_P]
-    if not all_finite(truth):
-        truth = truth[:, : int(np.argmin(np.isfinite(truth).all(axis=0)))]
     return truth
 
 

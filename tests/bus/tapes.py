@@ -60,7 +60,7 @@ def plant_says(blocks: int = 3, every_steps: int = 1) -> list[Envelope]:
         publisher.send("daq", daq, {"code": np.arange(4)})
         rows = np.zeros(4 * every_steps)
         publisher.send("truth", TruthBlock(first_step=step, step_ns=1000), {"xi_m": rows})
-        publisher.send("events/plant", Event(message=f"event {i}"))
+        publisher.send("events/plant", Event(name="plant", message=f"event {i}"))
     publisher.send("balance", EnergyBalance(kinetic_j=1.0))
     publisher.end()
     return tape.sent
