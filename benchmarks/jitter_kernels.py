@@ -15,7 +15,7 @@ class SimulatedLoop(NamedTuple):
 
     Attributes:
         poles, residues: of the plant, from force to velocity, shape (modes,).
-        fir: coefficients of 1/Z and 1/Z^2, shape (2,).
+        fir: coefficients of 1, which is zero, 1/Z and 1/Z^2, shape (3,).
         law: direct gain, pole and residue of the law, shape (3,).
         every: steps from one sample to the next.
         delay: steps from a sample to the force of its command at the shortest latency.
@@ -52,7 +52,7 @@ def simulate(loop, state, commands, late, weights, most, log_energy):
     for k in range(samples * loop.every):
         if k % loop.every == 0:
             j = k // loop.every
-            sample, energy = loop.fir[0] * force + loop.fir[1] * before, 0.0
+            sample, energy = loop.fir[1] * force + loop.fir[2] * before, 0.0
             for m in range(modes):
                 sample += 2.0 * state[m].real
                 energy += weights[m] * (state[m].real ** 2 + state[m].imag ** 2)

@@ -17,9 +17,8 @@ from benchmarks.results import results_in
 from hertzloop.cli.terminal import out
 from hertzloop.studies.margin.gain import gain_margin
 from hertzloop.studies.margin.jitter import ErrorResponse
-from hertzloop.studies.margin.law_filters import LawFilter
-from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.loop import PolyphaseLoop, loop_of
+from hertzloop.studies.margin.linear import TransferFunction
+from hertzloop.studies.margin.loop import PolyphaseLoop
 
 _LOOPS = 1000
 _MOST_DELAY = 50  # steps, at the shortest latency
@@ -42,8 +41,8 @@ class RandomLoop:
         loops: the loop by latency.
     """
 
-    plant: PoleForm
-    law: LawFilter
+    plant: TransferFunction
+    law: TransferFunction
     every: int
     delay: int
     loops: PolyphaseLoop
@@ -75,18 +74,14 @@ class SearchedLoop:
         return bool(self.below) or self.constant <= self.margin * (1.0 - 1e-6)
 
 
-def polyphase(plant: PoleForm, law: LawFilter, every: int) -> PolyphaseLoop:
-    """Return the loops of a plant whose law is sampled every `every` steps."""
-    return PolyphaseLoop(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), 0)
-
-
 def three_modes() -> RandomLoop:
     """Return a loop of three lightly damped modes, collocated."""
     omega = np.array([0.01, 0.027, 0.052])
-    plant = PoleForm(np.exp((-0.005 + 1j) * omega), np.full(3, 0.5 + 0j), np.zeros(2))
-    none = np.empty(0, complex)
-    law = LawFilter(-2e-4, none, none)
-    return RandomLoop(plant, law, 1, 1, polyphase(plant, law, 1))
+    plant = TransferFunction.of_modes(
+        np.exp((-0.005 + 1j) * omega), np.full(3, 0.5 + 0j), np.zeros(3)
+    )
+    law = TransferFunction.of_taps(-2e-4)
+    return RandomLoop(plant, law, 1, 1, PolyphaseLoop.of(plant, law))
 
 
 def random_loop(rng: np.random.Generator) -> RandomLoop:
@@ -103,15 +98,16 @@ def random_loop(rng: np.random.Generator) -> RandomLoop:
         loss = 10.0 ** rng.uniform(-3.0, -0.5)
         sign = 1.0 if collocated else rng.choice([-1.0, 1.0], modes)
         residues = 0.5 * sign * 10.0 ** rng.uniform(-2.0, 0.0, modes) * (1.0 + 0.1j)
-        fir = np.array([rng.uniform(0.0, 0.5) * (rng.random() < 0.3), 0.0])
-        plant = PoleForm(np.exp((-0.5 * loss + 1j) * omega), residues, fir)
+        fir = np.array([0.0, rng.uniform(0.0, 0.5) * (rng.random() < 0.3), 0.0])
+        plant = TransferFunction.of_modes(np.exp((-0.5 * loss + 1j) * omega), residues, fir)
         own = np.array([rng.uniform(0.0, 0.95) + 0j][: int(rng.random() < 0.4)])
-        law = LawFilter(-1.0, own, rng.uniform(-1.0, 1.0) * np.ones(len(own), complex))
-        loop, late = polyphase(plant, law, every).at(delay)
+        own_residue = rng.uniform(-1.0, 1.0) * np.ones(len(own), complex)
+        law = TransferFunction(own, own_residue, np.array([-1.0]))
+        loop, late = PolyphaseLoop.of(plant, law, every).at(delay)
         factor = (gain_margin(loop, late) or 1.0) * rng.uniform(0.1, 0.95)
         for _ in range(5):
-            weak = replace(law, direct=factor * law.direct, residues=factor * law.residues)
-            found = RandomLoop(plant, weak, every, delay, polyphase(plant, weak, every))
+            weak = replace(law, fir=factor * law.fir, residues=factor * law.residues)
+            found = RandomLoop(plant, weak, every, delay, PolyphaseLoop.of(plant, weak, every))
             stable = not found.loops.unstable(np.array([delay]))[0]
             if stable and ErrorResponse(found.loops, delay).largest_delay()[0] > 1.0:
                 return found
@@ -121,11 +117,12 @@ def random_loop(rng: np.random.Generator) -> RandomLoop:
 def simulated(loop: RandomLoop) -> SimulatedLoop:
     """Return a loop as its simulation takes it."""
     own = loop.law.poles.size
-    law = [loop.law.direct, loop.law.poles[0].real if own else 0.0]
+    law = [loop.law.fir[0], loop.law.poles[0].real if own else 0.0]
     law.append(loop.law.residues[0].real if own else 0.0)
     plant = loop.plant
+    modes = plant.poles.imag > 0.0
     return SimulatedLoop(
-        plant.poles, plant.residues, plant.fir, np.array(law), loop.every, loop.delay
+        plant.poles[modes], plant.residues[modes], plant.fir, np.array(law), loop.every, loop.delay
     )
 
 

@@ -37,9 +37,8 @@ from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.margin.identify import NotLinearError, law_filter
-from hertzloop.studies.margin.law_filters import LawFilter
-from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.loop import Loop, loop_of, loops_of
+from hertzloop.studies.margin.linear import TransferFunction
+from hertzloop.studies.margin.loop import Loop, loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 
 _E_FOLDS = 60.0
@@ -82,7 +81,7 @@ class Check:
 
 def hard_loop(
     rng: np.random.Generator, modes: int | None = None
-) -> tuple[PoleForm, LawFilter, int]:
+) -> tuple[TransferFunction, TransferFunction, int]:
     """Return a random loop that is hard to count: loss factors from 1e-6 to 0.03, near-double and
     hardly coupled modes, and a delay of up to 200 samples."""
     n = modes or int(rng.integers(1, 40))
@@ -97,32 +96,32 @@ def hard_loop(
     size = 10.0 ** rng.uniform(-6.0, 0.0, n) if rng.random() < 0.4 else np.ones(n)
     sign = rng.choice([1, 1, 1, -1], n) if rng.random() < 0.3 else 1
     residues = 0.5 * size * sign * (1.0 + 0.1j * rng.standard_normal(n))
-    fir = np.array([rng.uniform(0.0, 2.0) * (rng.random() < 0.5), 0.0])
+    fir = np.array([0.0, rng.uniform(0.0, 2.0) * (rng.random() < 0.5), 0.0])
     if rng.random() < 0.3:
-        fir[1] = rng.uniform(-1.0, 1.0)
+        fir[2] = rng.uniform(-1.0, 1.0)
     gain = 10.0 ** rng.uniform(-4.0, 0.5) * (-1.0 if rng.random() < 0.8 else 1.0)
     own = own_residue = np.empty(0, complex)
     if rng.random() < 0.5:
         own = np.array([rng.uniform(0.0, 0.99) + 0j])
         own_residue = np.array([rng.uniform(-1.0, 1.0) * abs(gain) + 0j])
     delay = int(rng.integers(0, 200 if rng.random() < 0.5 else 5))
-    return PoleForm(poles, residues, fir), LawFilter(gain, own, own_residue), delay
+    law = TransferFunction(own, own_residue, np.array([gain]))
+    return TransferFunction.of_modes(poles, residues, fir), law, delay
 
 
 def eigenvalues(loop: Loop, delay: int) -> np.ndarray:
     """Return the closed-loop poles as eigenvalues of a dense matrix."""
     plant, law = loop.plant, loop.law
-    p = np.concatenate([plant.poles, plant.poles.conj()])
-    residues = np.concatenate([plant.residues, plant.residues.conj()])
+    p, residues = plant.poles, plant.residues
     n, m, late = len(p), len(law.poles), delay + 2
     total, first = n + m + late, n + m
     # State: plant, law, commands of the last `late` samples, the newest first.
     a = np.zeros((total, total), complex)
     seen = np.zeros(total, complex)
     seen[:n] = 1.0
-    seen[first + delay] += plant.fir[0]
-    seen[first + delay + 1] += plant.fir[1]
-    command = law.direct * seen
+    seen[first + delay] += plant.fir[1]
+    seen[first + delay + 1] += plant.fir[2]
+    command = law.fir[0] * seen
     command[n:first] += 1.0
     if delay:
         a[:n, first + delay - 1] = residues
@@ -155,14 +154,14 @@ def synthetic(seed: int, loops: int) -> Iterator[Check]:
         plant, law, delay = hard_loop(np.random.default_rng([seed, i]))
         poles = closed_loop_poles(plant, law, delay)
         case = f"loop {i}, {len(plant.poles)} modes, delay {delay}"
-        yield counted("all poles", case, loop_of(plant, law, 1, 0), delay, poles, _ON_CIRCLE)
+        yield counted("all poles", case, Loop(plant, law), delay, poles, _ON_CIRCLE)
 
 
 def dense(seed: int, sizes: tuple[int, ...]) -> Iterator[Check]:
     """Yield the checks of random loops against dense eigenvalues."""
     for i, modes in enumerate(sizes):
         plant, law, delay = hard_loop(np.random.default_rng([seed, 1_000_000 + i]), modes)
-        loop = loop_of(plant, law, 1, 0)
+        loop = Loop(plant, law)
         poles = eigenvalues(loop, delay)
         yield counted(
             "eigenvalues", f"loop {i}, {modes} modes, delay {delay}", loop, delay, poles, 1e-11

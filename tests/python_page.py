@@ -25,11 +25,11 @@ NAMES = {
         studies.tune.result.Candidate api.studies.budget studies.budget.request.BudgetRequest
         studies.budget.result.BudgetResult studies.budget.result.InPlant
         studies.budget.limits.BudgetLimit studies.budget.limits.Boundary api.studies.margin
-        studies.margin.result.MarginResult studies.margin.flight.Margin""",
+        studies.margin.margin.MarginResult studies.margin.flight.Margin""",
     "Fits": """api.measurements.read_record api.measurements.read_records
         fitting.records.record.Record api.measurements.fit fitting.fit.results.FitResult
         fitting.fit.results.Estimate""",
-    "Linear response": """api.studies.linear studies.margin.linear.PoleForm""",
+    "Linear response": """api.studies.linear studies.margin.linear.TransferFunction""",
     "Step by step": """api.stepper.Stepper""",
     "Exceptions": """scene.errors.SceneError loop.run_options.OptionError
         studies.cases.axis.DesignError fitting.records.errors.RecordError

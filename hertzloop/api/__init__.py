@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.result import BudgetResult
     from hertzloop.studies.cases.axis import DesignError
     from hertzloop.studies.cases.workers import WorkersLost
-    from hertzloop.studies.margin.result import MarginResult
+    from hertzloop.studies.margin.margin import MarginResult
     from hertzloop.studies.sweep.request import SweepRequest
     from hertzloop.studies.tune.request import TuneRequest
     from hertzloop.studies.tune.result import TuneResult

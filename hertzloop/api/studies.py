@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.budget.request import BudgetRequest
     from hertzloop.studies.budget.result import BudgetResult
     from hertzloop.studies.cases.axis import Range
-    from hertzloop.studies.margin.result import MarginResult
+    from hertzloop.studies.margin.margin import MarginResult
     from hertzloop.studies.margin.system import LinearSystem
     from hertzloop.studies.sweep.request import SweepRequest
     from hertzloop.studies.tune.request import TuneRequest

@@ -27,16 +27,12 @@ class BindingMode:
         number: from 1 on, by rising frequency, among the modes that the plant computes with.
         indices: half-waves along x and y, one pair for each mode of this frequency; None where the
             structure has no such indices.
-        at_contact: shape at the contact point, one for each pair; None without indices.
-        at_actuator: shape at the actuator point, as `at_contact`.
     """
 
     frequency_hz: float
     relative_amplitude: float
     number: int
     indices: list[list[int]] | None
-    at_contact: list[float] | None
-    at_actuator: list[float] | None
 
 
 def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
@@ -62,7 +58,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
     spec = setup.plant
     plate = spec.plate.simply_supported
     if plate is None:
-        return BindingMode(omega / (2.0 * math.pi), amplitude, number, None, None, None)
+        return BindingMode(omega / (2.0 * math.pi), amplitude, number, None)
     m, n, all_omega = plate.mode_numbers(omega * (1.0 + 10.0 * _SAME))
     same = np.abs(all_omega - omega) <= _SAME * omega
     at_contact = plate.mode_shape(m[same], n[same], spec.contact_point_m)
@@ -72,9 +68,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
         omega / (2.0 * math.pi),
         amplitude,
         number,
-        [[int(a), int(b)] for a, b in zip(m[same][moved], n[same][moved], strict=True)],
-        at_contact[moved].tolist(),
-        at_actuator[moved].tolist(),
+        np.stack([m[same][moved], n[same][moved]], axis=1).tolist(),
     )
 
 
@@ -102,13 +96,6 @@ def mode_line(mode: BindingMode | None, frequency_hz: float) -> str:
             "the actuator or a filter prevails"
         )
     words = f"limited by {mode_name(mode)} at {hertz(mode.frequency_hz)}, no. {mode.number}"
-    if mode.indices and mode.at_contact and mode.at_actuator:
-        m, n = mode.indices[0]
-        first = " of the first" if len(mode.indices) > 1 else ""
-        words += (
-            f"; shape{first}: half-waves {m} along x, {n} along y; {mode.at_contact[0]:.3g} at "
-            f"the contact and {mode.at_actuator[0]:.3g} at the actuator, largest 1"
-        )
     amplitude = mode.relative_amplitude
     others = ", as other modes overlap with it" if amplitude <= _ALONE else ""
     others = ", as other modes cancel a part of it" if amplitude > _CANCELS else others

@@ -8,7 +8,7 @@ import numpy as np
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.gain import gain_margin, sensitivity
-from hertzloop.studies.margin.growth import Growth, fastest_hz, growth_of, outside_poles
+from hertzloop.studies.margin.growth import Growth, fastest_pole, frequency_hz, growth_of
 from hertzloop.studies.margin.identify import NotLinearError
 from hertzloop.studies.margin.latency import crossing_after, latency_limit, stable_windows
 from hertzloop.studies.margin.linear import linear_plant
@@ -21,8 +21,8 @@ class Margin:
 
     Attributes:
         applicable: whether the loop is linear; `reason` says why not, or is empty.
-        stable: at the scene's latency; None if it could not be decided.
-        unstable_poles: closed-loop poles outside the unit circle there; None as above.
+        stable: at the scene's latency.
+        unstable_poles: closed-loop poles outside the unit circle there.
         growth_per_s: fastest growth of an unstable pole, 1/s; 0 if stable, None if undecided.
         e_folds: growth times the length of the run.
         latency_limit_steps: largest latency up to which the loop is stable at every latency from 0
@@ -89,7 +89,7 @@ def _margin_of(setup: Setup) -> Margin:
     loop, delay = loops.at(latency)
     limit = latency_limit(loops)
     sample_s = every * setup.run.step_s
-    stable = None if growth.unstable_poles is None else growth.unstable_poles == 0
+    stable = growth.unstable_poles == 0
     if limit is None or limit < 0:
         limit_us = None if limit is None else -1.0
         binding = growth.frequency_hz
@@ -98,9 +98,8 @@ def _margin_of(setup: Setup) -> Margin:
         limit_us, binding = d * step_us, angle / (2.0 * math.pi * sample_s)
     else:
         limit_us = limit * step_us
-        beyond, late = loops.at(limit + 1)
-        poles = outside_poles(beyond, late, int(loops.unstable(np.array([limit + 1]))[0]))
-        binding = None if poles is None else fastest_hz(poles, sample_s)
+        fastest = fastest_pole(*loops.at(limit + 1))
+        binding = None if fastest is None else frequency_hz(fastest, sample_s)
     peak, disk = sensitivity(loop, delay) if stable else (None, None)
     return Margin(
         applicable=True,

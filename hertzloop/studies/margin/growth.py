@@ -8,21 +8,11 @@ import numpy as np
 
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.margin.identify import NotLinearError, law_filter
-from hertzloop.studies.margin.linear import plant_in_flight
-from hertzloop.studies.margin.loop import (
-    Loop,
-    damped,
-    law_digest,
-    loop_of,
-    loop_setup,
-    loops_of,
-    why_no_loop,
-)
-from hertzloop.studies.margin.poles import MOST_STATES, closed_loop_poles, states_of
+from hertzloop.studies.margin.identify import NotLinearError
+from hertzloop.studies.margin.loop import Loop, law_digest, loop_setup, loops_of, why_no_loop
+from hertzloop.studies.margin.poles import closed_loop_poles
 
 _REAL = 1e-12  # rad: the angle of a real pole is this small by rounding
-_ON_CIRCLE = 1e-13  # distance from the unit circle that is rounding
 
 
 @dataclass(frozen=True)
@@ -30,7 +20,7 @@ class Growth:
     """How the loop of a setup grows in flight at the latency of its scene.
 
     Attributes:
-        unstable_poles: closed-loop poles outside the unit circle; None if two counts disagree.
+        unstable_poles: closed-loop poles outside the unit circle; None if the numbers fail.
         per_s: fastest growth, 1/s; 0 if stable, None if undecided.
         frequency_hz: of the fastest growing pole, Hz; None if stable or undecided.
         e_folds: growth times the length of the run; None if undecided.
@@ -67,20 +57,16 @@ def growth_of(setup: Setup) -> Growth | None:
 
 def stable_in_flight(setup: Setup) -> bool | None:
     """Return whether the loop is stable in flight at the latency of the scene; None for a setup
-    without a linear loop, or for which none can be formed.
-
-    It costs one table at any sampling interval, but is not checked by a second method: see
-    `growth_of`.
-    """
+    without a linear loop, or for which none can be formed."""
     if why_no_loop(setup):
         return None
-    setup, every = loop_setup(setup), setup.sensor.every_steps
-    delay, rest = divmod(1 + setup.signal_path.dead_steps + setup.signal_path.latency_steps, every)
     try:
-        loop = loop_of(damped(plant_in_flight(setup)), law_filter(setup), every, rest)
-    except (NotLinearError, SceneError, ArithmeticError, np.linalg.LinAlgError):
+        loops = loops_of(setup)
+        if isinstance(loops, NotLinearError):
+            return None
+        return not loops.unstable(np.array([setup.signal_path.latency_steps]))[0]
+    except (SceneError, ArithmeticError, np.linalg.LinAlgError):
         return None
-    return not loop.table.unstable(np.array([delay]))[0]
 
 
 @lru_cache(maxsize=4096)
@@ -91,38 +77,22 @@ def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
         return loops
     latency = setup.signal_path.latency_steps
     count = int(loops.unstable(np.array([latency]))[0])
-    loop, delay = loops.at(latency)
-    too_many = states_of(loop.plant, loop.law, delay) > MOST_STATES
-    poles = None if too_many else outside_poles(loop, delay, count)
-    if poles is None and not too_many:
-        return Growth(None, None, None, None)
     if not count:
         return Growth(0, 0.0, None, 0.0)
-    if poles is None:
+    fastest = fastest_pole(*loops.at(latency))
+    if fastest is None:
         return Growth(count, None, None, None)
-    sample_s = setup.sensor.every_steps * setup.run.step_s
-    return Growth(count, growth_per_s(poles, sample_s), fastest_hz(poles, sample_s), None)
+    sample_s = setup.run.step_s * len(loops.every)
+    return Growth(count, math.log(abs(fastest)) / sample_s, frequency_hz(fastest, sample_s), None)
 
 
-def outside_poles(loop: Loop, delay: int, count: int) -> np.ndarray | None:
-    """Return the closed-loop poles outside the unit circle; None if they are too many to compute,
-    or if their number is not `count`, so that two independent methods disagree."""
+def fastest_pole(loop: Loop, delay: int) -> complex | None:
+    """Return the closed-loop pole of the largest size; None if they are too many to compute."""
     found = closed_loop_poles(loop.plant, loop.law, delay)
-    if found is None:
-        return None
-    size = np.abs(found)
-    if not np.sum(size > 1.0 + _ON_CIRCLE) <= count <= np.sum(size > 1.0 - _ON_CIRCLE):
-        return None
-    return found[np.argsort(-size)[:count]]
+    return None if found is None else complex(found[np.argmax(np.abs(found))])
 
 
-def growth_per_s(poles: np.ndarray, sample_s: float) -> float:
-    """Return the growth of the pole that is farthest outside the unit circle, 1/s."""
-    return math.log(float(np.abs(poles).max())) / sample_s
-
-
-def fastest_hz(poles: np.ndarray, sample_s: float) -> float:
-    """Return the frequency of the pole that is farthest outside the unit circle, Hz."""
-    fastest = poles[int(np.argmax(np.abs(poles)))]
-    angle = abs(float(np.angle(fastest)))
+def frequency_hz(pole: complex, sample_s: float) -> float:
+    """Return the frequency of a pole, Hz."""
+    angle = abs(float(np.angle(pole)))
     return 0.0 if angle < _REAL else angle / (2.0 * math.pi * sample_s)

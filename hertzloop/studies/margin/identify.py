@@ -6,7 +6,7 @@ of magnitude. Then its impulse response is identified (Ho and Kalman 1966) and c
 samples.
 """
 
-import time
+import timeit
 from collections.abc import Callable
 
 import numpy as np
@@ -18,7 +18,8 @@ from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.watchdog import watching
 from hertzloop.scene.controller import bound_law, law_constants, loaded_law
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.margin.law_filters import Cascade, LawFilter
+from hertzloop.studies.margin.law_filters import Cascade
+from hertzloop.studies.margin.linear import TransferFunction
 
 _SAMPLES = 1500
 _CHECKED = 12_000
@@ -35,7 +36,7 @@ class NotLinearError(Exception):
     """The law is not linear; the message gives the reason."""
 
 
-def law_filter(setup: Setup) -> LawFilter:
+def law_filter(setup: Setup) -> TransferFunction:
     """Return the transfer function from a sample to the command of that sample.
 
     Raises:
@@ -66,10 +67,10 @@ def law_filter(setup: Setup) -> LawFilter:
     if declared.stages:
         return Cascade.of(declared)
     poles, residues = np.array([declared.poles, declared.residues], complex)
-    return LawFilter(float(declared.gain), poles, residues)
+    return TransferFunction(poles, residues, np.array([declared.gain]))
 
 
-def probe(setup: Setup) -> LawFilter:
+def probe(setup: Setup) -> TransferFunction:
     """Identify the law of a setup with ideal converters. Raises NotLinearError."""
     answered: list[np.ndarray] = []  # counts of the law, for each test signal
     with (
@@ -79,7 +80,7 @@ def probe(setup: Setup) -> LawFilter:
         return _probe(setup, answered)
 
 
-def _probe(setup: Setup, answered: list[np.ndarray]) -> LawFilter:
+def _probe(setup: Setup, answered: list[np.ndarray]) -> TransferFunction:
     bound = bound_law(setup, ahead=False)
 
     def answer(samples: np.ndarray) -> np.ndarray:
@@ -87,17 +88,14 @@ def _probe(setup: Setup, answered: list[np.ndarray]) -> LawFilter:
         controller = Controller(bound, SignalPath(), setup.run.step_s, count + 2, 1, 0)
         answered.append(controller.law_state.counts)
         try:
-            forces = controller.process(samples, commands_ahead=False).forces
+            return controller.process(samples, commands_ahead=False).forces[-count:]
         except LawFault as error:
             raise NotLinearError(f"it fails on a test signal: {error}") from error
-        found = np.zeros(count)
-        usable = np.asarray(forces)[-count:] if len(forces) >= count else np.asarray(forces)
-        found[-len(usable) :] = usable
-        return found
 
     scale = _amplitude(setup)
     answer(np.zeros(1))  # the first call may compile the law
-    per_sample_s = min(_time_per_sample_s(answer) for _ in range(3))  # a machine may be busy
+    times_s = timeit.repeat(lambda: answer(np.zeros(_TIMED)), number=1, repeat=3)
+    per_sample_s = min(times_s) / _TIMED  # a machine may be busy
     if per_sample_s > _MOST_PER_SAMPLE_S:
         raise NotLinearError(
             f"it takes {1e6 * per_sample_s:,.0f} us a sample, and is tried with test signals only "
@@ -115,12 +113,6 @@ def _probe(setup: Setup, answered: list[np.ndarray]) -> LawFilter:
     if not float(np.abs(real - expected).max()) <= 1e-7 * size:
         raise NotLinearError("no finite linear model reproduces it on random samples")
     return found
-
-
-def _time_per_sample_s(answer: _Answer) -> float:
-    began_s = time.monotonic()
-    answer(np.zeros(_TIMED))
-    return (time.monotonic() - began_s) / _TIMED
 
 
 def _check_linear(answer: _Answer, scale: float, noise: np.ndarray) -> None:
@@ -172,16 +164,12 @@ def _amplitude(setup: Setup) -> float:
     return known.rigid_peak_n if setup.scene.sensors.quantity == "contact_force" else speed
 
 
-def _realise(markov: np.ndarray) -> LawFilter:
+def _realise(markov: np.ndarray) -> TransferFunction:
     """Ho-Kalman realisation of an impulse response, as poles and residues."""
-    direct = float(markov[0])
-    none = np.empty(0, complex)
-    if not np.any(markov[1:]):
-        return LawFilter(direct, none, none)
     n = _HANKEL
-    last = int(np.flatnonzero(markov)[-1])
+    last = int(np.max(np.flatnonzero(markov), initial=0))
     if last <= n:  # a finite impulse response is what it says
-        return LawFilter(direct, none, none, markov[1 : last + 1].copy())
+        return TransferFunction.of_taps(*markov[: last + 1])
     hankel = scipy.linalg.hankel(markov[1 : n + 1], markov[n : 2 * n])
     shifted = scipy.linalg.hankel(markov[2 : n + 2], markov[n + 1 : 2 * n + 1])
     u, s, vt = np.linalg.svd(hankel)
@@ -194,12 +182,12 @@ def _realise(markov: np.ndarray) -> LawFilter:
     poles, vectors = np.linalg.eig(a)
     if np.linalg.cond(vectors) > 1e8:
         raise NotLinearError("its poles coincide, and the margin needs distinct ones")
-    return LawFilter(direct, poles, (c @ vectors) * np.linalg.solve(vectors, b.astype(complex)))
+    residues = (c @ vectors) * np.linalg.solve(vectors, b.astype(complex))
+    return TransferFunction(poles, residues, markov[:1])
 
 
-def _filtered(law: LawFilter, samples: np.ndarray) -> np.ndarray:
-    taps = np.concatenate([[law.direct], law.taps])
-    total = scipy.signal.lfilter(taps, [1.0], samples).astype(complex)
+def _filtered(law: TransferFunction, samples: np.ndarray) -> np.ndarray:
+    total = scipy.signal.lfilter(law.fir, [1.0], samples).astype(complex)
     for pole, residue in zip(law.poles, law.residues, strict=True):
         total += scipy.signal.lfilter([0.0, residue], [1.0, -pole], samples.astype(complex))
     return np.asarray(total.real)

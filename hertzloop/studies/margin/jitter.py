@@ -11,7 +11,7 @@ Automatica 40 (2004) 1429.
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import scipy
@@ -21,9 +21,9 @@ from hertzloop.studies.margin.flight import Margin
 from hertzloop.studies.margin.gain import needle_angles
 from hertzloop.studies.margin.identify import NotLinearError
 from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
-from hertzloop.studies.margin.table import FrequencyResponse
+from hertzloop.studies.margin.table import FrequencyResponse, Samples, middle_of_cubic, refined
 
-_ROUNDS, _HALVINGS, _POLISHES = 40, 50, 4
+_HALVINGS, _POLISHES = 50, 4
 _CLOSE = 0.05  # largest error of an interpolated log size
 _FAR = 10.0  # log size below the largest one that cannot become it
 _SAFE = 1e-6  # relative distance of a certified delay from the margin
@@ -138,9 +138,8 @@ class ErrorResponse:
         self._steps = [
             FrequencyResponse(loops.plant.in_step(n, (first + r) % n), loop.law) for r in range(n)
         ]
-        self._theta = needle_angles(loop, self._delay)[1:]  # the response is zero at Z = 1
-        self._value, self._slope = self.at(self._theta)
-        self._refine()
+        theta = needle_angles(loop, self._delay)[1:]  # the response is zero at Z = 1
+        self._samples = refined(theta, self.at, _unsure)
 
     def at(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return log |H_r|^2 and its slope by the angle, shape (steps, points), at angles above 0
@@ -175,8 +174,8 @@ class ErrorResponse:
 
     def _solved(self) -> tuple[float, float]:
         """Return the delay at which the condition fails, from the points so far, and the angle."""
-        top = float(self._value.max())
-        size = np.exp(self._value - top)
+        top = float(self._samples.value.max())
+        size = np.exp(self._samples.value - top)
 
         def excess(log_delay: float) -> float:
             largest = float((self._missing(math.exp(log_delay)) @ size).max())
@@ -186,39 +185,11 @@ class ErrorResponse:
         low, high = -0.5 * top, max(0.0, -0.5 * top) + math.log(2.0 * len(size))
         found = scipy.optimize.brentq(excess, low - 0.1, high + 0.1, xtol=1e-14, rtol=1e-14)
         delay = math.exp(found)
-        return delay, float(self._theta[int(np.argmax(self._missing(delay) @ size))])
-
-    def _insert(self, theta: np.ndarray) -> None:
-        """Add points to the table."""
-        value, slope = self.at(theta)
-        where = np.searchsorted(self._theta, theta)
-        self._theta = np.insert(self._theta, where, theta)
-        self._value = np.insert(self._value, where, value, axis=1)
-        self._slope = np.insert(self._slope, where, slope, axis=1)
-
-    def _refine(self) -> None:
-        """Halve intervals until the cubic through both ends predicts the middle, where the response
-        is large."""
-        equal = np.ones(len(self._steps))
-        unsure = np.ones(len(self._theta) - 1, bool)
-        for _ in range(_ROUNDS):
-            theta, (total, slope) = self._theta, _weighted(equal, self._value, self._slope)
-            middle = 0.5 * (theta[1:] + theta[:-1])
-            expected = 0.5 * (total[1:] + total[:-1])
-            expected += 0.125 * np.diff(theta) * (slope[:-1] - slope[1:])
-            large = np.maximum(np.maximum(total[1:], total[:-1]), expected) > total.max() - _FAR
-            which = np.flatnonzero(unsure & large & (middle > theta[:-1]) & (middle < theta[1:]))
-            if not len(which):
-                return
-            self._insert(middle[which])
-            found = _weighted(equal, self._value, self._slope)[0][which + 1 + np.arange(len(which))]
-            unsure[:] = False
-            unsure[which] = np.abs(found - expected[which]) > _CLOSE
-            unsure = np.insert(unsure, which + 1, unsure[which])
+        return delay, float(self._samples.theta[int(np.argmax(self._missing(delay) @ size))])
 
     def _insert_peaks(self, weights: np.ndarray) -> None:
         """Add the local maxima of the weighted sum that may be the largest, by halving."""
-        theta, (total, slope) = self._theta, _weighted(weights, self._value, self._slope)
+        theta, total, slope = _summed(weights, self._samples)
         near = total > total.max() - 1.0
         falls = total[1:] <= total[:-1]
         left = np.flatnonzero(near[:-1] & falls & (slope[:-1] > 0.0))
@@ -227,18 +198,26 @@ class ErrorResponse:
         other = theta[np.append(left + 1, right - 1)]
         for _ in range(_HALVINGS):
             middle = 0.5 * (best + other)
-            found, slope = _weighted(weights, *self.at(middle))
+            _, found, slope = _summed(weights, Samples(middle, *self.at(middle)))
             higher, onward = found > size, slope * (other - best) > 0.0
             other = np.where(higher, np.where(onward, other, best), middle)
             best, size = np.where(higher, middle, best), np.maximum(found, size)
-        self._insert(np.setdiff1d(best, theta))
+        self._samples = self._samples.with_more(np.setdiff1d(best, theta), self.at)
 
 
-def _weighted(
-    weights: np.ndarray, value: np.ndarray, slope: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the log of the weighted sum of exponentials, and its slope; shape (points,)."""
-    top = value.max(axis=0)
-    terms = weights[:, None] * np.exp(value - top)
+def _unsure(left: Samples, middle: Samples, right: Samples) -> np.ndarray:
+    """Whether the cubic through both ends does not predict the middle, where the sum over all steps
+    is large."""
+    before, now, after = (_summed(1.0, part) for part in (left, middle, right))
+    expected = middle_of_cubic(before, after)
+    largest = np.max([before.value, after.value, expected], axis=0)
+    return (np.abs(now.value - expected) > _CLOSE) & (largest > largest.max() - _FAR)
+
+
+def _summed(weights: Any, samples: Samples) -> Samples:
+    """Return the log of the weighted sum of the exponentials of all steps, and its slope."""
+    top = samples.value.max(axis=0)
+    terms = np.exp(samples.value - top) * np.reshape(weights, (-1, 1))
     total = np.maximum(terms.sum(axis=0), 1e-300)
-    return top + np.log(total), (terms * slope).sum(axis=0) / total
+    slope = (terms * samples.slope).sum(axis=0) / total
+    return Samples(samples.theta, top + np.log(total), slope)

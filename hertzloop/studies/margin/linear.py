@@ -1,14 +1,13 @@
-"""The plant in flight as a linear sampled system, from the coefficients of its kernels.
+"""The plant in flight as a linear sampled system, from the poles of `Linear`.
 
-A command of step k first reaches the sample of step k + 1, so the response is strictly proper:
-P(Z) = sum of [R/(Z - p) + conjugate] + sum of real poles + b_1/Z + b_2/Z^2.
+A command of step k first reaches the sample of step k + 1, so the response is strictly proper.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.plant.actuator import LinearActuator, linear_form
+from hertzloop.plant.actuator import linear_form
 from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.schemes.modal_kernels import ModalModel
 from hertzloop.plant.structures.linear import IM, RE, V, X
@@ -16,48 +15,72 @@ from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.sensors.kernels import SensorModel
+from hertzloop.studies.margin.sums_kernels import pole_sums
 
-_CHUNK = 1 << 21  # complex numbers at a time
 _COINCIDE = 1e-12  # distance of two poles that are taken for one
 _TRIED = 1.0001 * np.exp(1j * np.geomspace(1e-4, 3.1, 32))  # where the filters are checked
 _TOLD = 1e-9  # error of their sum over poles
 
 
 @dataclass(frozen=True)
-class PoleForm:
-    """A strictly proper real transfer function in 1/Z.
+class TransferFunction:
+    """A real transfer function: the sum of R/(Z - p) and of b_k/Z^k.
 
     Attributes:
-        poles: one of each conjugate pair, and real poles; shape (n,), complex.
-        residues: of these; a real pole has half its residue, as its conjugate is added, shape (n,).
-        fir: coefficients of 1/Z and 1/Z^2, shape (2,).
+        poles: both of each conjugate pair, and real poles, shape (n,), complex.
+        residues: of these, shape (n,).
+        fir: coefficients of 1, 1/Z, 1/Z^2, ...; three of a plant, the first of them zero.
     """
 
     poles: np.ndarray
     residues: np.ndarray
     fir: np.ndarray
 
-    def both_of_pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return all poles and their whole residues: both poles of each conjugate pair."""
-        paired = self.poles.imag != 0.0
-        whole = np.where(paired, self.residues, 2.0 * self.residues)
-        return (
-            np.concatenate([self.poles, self.poles[paired].conj()]),
-            np.concatenate([whole, self.residues[paired].conj()]),
+    @classmethod
+    def of_taps(cls, *fir: float) -> "TransferFunction":
+        """Return the sum of b_k/Z^k alone."""
+        return cls(np.empty(0, complex), np.empty(0, complex), np.array(fir))
+
+    @classmethod
+    def of_modes(
+        cls, poles: np.ndarray, residues: np.ndarray, fir: np.ndarray
+    ) -> "TransferFunction":
+        """Return the sum of residues/(Z - poles) and of its conjugate; the poles come first.
+
+        Args:
+            poles: one of each pair, shape (modes,).
+            residues: of these; of a real pole half of it.
+            fir: as of the class.
+        """
+        pairs = poles.imag != 0.0
+        whole = np.where(pairs, residues, 2.0 * residues.real)
+        return cls(
+            np.concatenate([poles, poles[pairs].conj()]),
+            np.concatenate([whole, residues[pairs].conj()]),
+            fir,
         )
 
     def at(self, z: np.ndarray) -> np.ndarray:
         """Return the response at complex numbers `z` of any shape."""
-        points = np.atleast_1d(np.asarray(z, complex)).ravel()
-        found = self.fir[0] / points + self.fir[1] / points**2
-        rows = max(1, _CHUNK // max(1, len(self.poles)))
-        for i in range(0, len(points), rows):
-            part = points[i : i + rows, None]
-            found[i : i + rows] += (1.0 / (part - self.poles)) @ self.residues
-            found[i : i + rows] += (1.0 / (part - self.poles.conj())) @ self.residues.conj()
-        return found.reshape(np.shape(z))
+        z = np.asarray(z, complex)
+        return self.with_slope(z.ravel())[0].reshape(z.shape)
 
-    def filtered(self, direct: float, poles: np.ndarray, residues: np.ndarray) -> "PoleForm":
+    def with_slope(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the response and its derivative by Z, at complex `z` of shape (n,)."""
+        value, slope, _ = sums_at(z, self.poles, self.residues)
+        return self.with_taps(z, value, slope)
+
+    def with_taps(
+        self, z: np.ndarray, value: np.ndarray, slope: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return a sum over poles and its derivative with those of the terms in 1/Z added."""
+        near, taps = 1.0 / z, self.fir[::-1]
+        change = near * near * np.polyval(np.polyder(taps), near)
+        return value + np.polyval(taps, near), slope - change
+
+    def filtered(
+        self, direct: float, poles: np.ndarray, residues: np.ndarray
+    ) -> "TransferFunction":
         """Return it times direct + sum of residues/(Z - poles), a real filter.
 
         Args:
@@ -69,78 +92,70 @@ class PoleForm:
             SceneError: a pole of the filter is a pole of this response.
         """
         poles, residues = np.asarray(poles, complex), np.asarray(residues, complex)
-        if np.any(np.abs(poles[:, None] - self.poles) < _COINCIDE):
+        apart = poles[:, None] - np.concatenate([self.poles, poles])
+        apart[:, len(self.poles) :] += np.eye(len(poles))
+        if np.any(np.abs(apart) < _COINCIDE):
             raise SceneError(
-                "sensors: a filter has a pole of the plant or of another filter, and the margin "
-                "needs distinct ones. Change its frequency slightly."
+                "sensors: a filter, or the actuator, has a pole of the plant or of another filter, "
+                "and the margin needs distinct ones. Change its frequency slightly."
             )
+        _, first, second = self.fir
         own = direct + (residues / (self.poles[:, None] - poles)).sum(axis=1)
-        at_poles = residues * self.at(poles)
         at_0 = direct - np.sum(residues / poles).real
         slope_0 = -np.sum(residues / poles**2).real
-        upper = poles.imag >= 0.0
-        half = np.where(poles.imag == 0.0, 0.5, 1.0)[upper]  # its conjugate is added
-        return PoleForm(
-            np.append(self.poles, poles[upper]),
-            np.append(self.residues * own, half * at_poles[upper]),
-            np.array([self.fir[0] * at_0 + self.fir[1] * slope_0, self.fir[1] * at_0]),
+        return TransferFunction(
+            np.append(self.poles, poles),
+            np.append(self.residues * own, residues * self.at(poles)),
+            np.array([0.0, first * at_0 + second * slope_0, second * at_0]),
         )
 
-    def difference(self, step_s: float) -> "PoleForm":
+    def difference(self, step_s: float) -> "TransferFunction":
         """Return it times (1 - 1/Z)/h, the mean acceleration of a velocity."""
+        _, first, second = self.fir
+        at_once = first + np.sum(self.residues / self.poles).real
         residues = self.residues * (1.0 - 1.0 / self.poles) / step_s
-        first = self.fir[0] + 2.0 * np.sum((self.residues / self.poles).real)
-        return PoleForm(self.poles, residues, np.array([first, self.fir[1] - self.fir[0]]) / step_s)
+        fir = np.array([0.0, at_once, second - first]) / step_s
+        return TransferFunction(self.poles, residues, fir)
 
-    def held(self, every: int, shift: int) -> "PoleForm":
+    def held(self, every: int, shift: int) -> "TransferFunction":
         """Return the response from sample to sample, `every` steps apart, to a command that is held
         and acts `shift` steps (0 to every - 1) late."""
         if every == 1:
             return self
-        p, n, r = self.poles, every, shift
-        whole = self.residues * p ** (-r) * np.expm1(n * np.log(p)) / (p - 1.0)
-        first = 2.0 * np.sum((self.residues * (p ** (-r) - 1.0) / (p - 1.0)).real) + self.fir[0]
-        late = self.fir[1]
-        fir = np.array([first + late, 0.0]) if n - r >= 2 else np.array([first, late])
-        return PoleForm(p**n, whole, fir)
+        p, late = self.poles, self.residues * self.poles ** (-shift) / (self.poles - 1.0)
+        first = np.sum(late - self.residues / (p - 1.0)).real + self.fir[1]
+        fir = np.array([0.0, first, self.fir[2]])
+        if every - shift >= 2:
+            fir = np.array([0.0, first + self.fir[2], 0.0])
+        return TransferFunction(p**every, late * np.expm1(every * np.log(p)), fir)
 
-    def in_step(self, every: int, step: int) -> "PoleForm":
+    def in_step(self, every: int, step: int) -> "TransferFunction":
         """Return the response from sample to sample, `every` steps apart, to a force in one step
         alone, `step` steps (0 to every - 1) after a sample."""
         if every == 1:
             return self
-        first = {every - 1: self.fir[0], every - 2: self.fir[1]}.get(step, 0.0)
+        first = {every - 1: self.fir[1], every - 2: self.fir[2]}.get(step, 0.0)
         residues = self.residues * self.poles ** (every - 1 - step)
-        return PoleForm(self.poles**every, residues, np.array([first, 0.0]))
+        return TransferFunction(self.poles**every, residues, np.array([0.0, first, 0.0]))
 
 
-def _through_actuator(by_mean: PoleForm, by_slope: PoleForm, actuator: LinearActuator) -> PoleForm:
-    own, vectors = np.linalg.eig(actuator.a)
-    if len(own) > 1 and abs(own[0] - own[1]) < 1e-9:
-        raise SceneError(
-            "actuator: its two poles coincide, and the margin needs distinct ones. "
-            "Change the damping ratio slightly."
-        )
-    entry = np.linalg.solve(vectors, actuator.b.astype(complex))
-    exits = actuator.state @ vectors * entry  # residues, shape (2 outputs, n poles)
+def sums_at(
+    z: np.ndarray, poles: np.ndarray, residues: np.ndarray, skip: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the sums of r/(z - p), of -r/(z - p)^2 and of 1/(z - p) over poles p.
 
-    def passes(row: int, z: np.ndarray) -> np.ndarray:
-        z = np.asarray(z, complex)
-        return np.asarray(actuator.command[row] + (exits[row] / (z[..., None] - own)).sum(axis=-1))
-
-    residues = by_mean.residues * passes(0, by_mean.poles)
-    residues = residues + by_slope.residues * passes(1, by_mean.poles)
-    of_own = by_mean.at(own) * exits[0] + by_slope.at(own) * exits[1]
-    zero = np.array([0.0 + 0.0j])
-    first = by_mean.fir[0] * passes(0, zero)[0].real + by_slope.fir[0] * passes(1, zero)[0].real
-    half = np.where(own.imag == 0.0, 0.5, 1.0)[own.imag >= 0.0]  # its conjugate is added
-    of_own, own = half * of_own[own.imag >= 0.0], own[own.imag >= 0.0]
-    return PoleForm(
-        np.append(by_mean.poles, own), np.append(residues, of_own), np.array([first, 0.0])
-    )
+    Args:
+        z: points, complex, shape (n,).
+        poles, residues: complex, shape (poles,).
+        skip: number of the pole that a point leaves out, shape (n,); None for none.
+    """
+    parts = [part.copy() for one in (z, poles, residues) for part in (one.real, one.imag)]
+    found = np.empty((6, len(z)))
+    pole_sums(*parts, np.full(len(z), -1) if skip is None else skip, found)
+    return found[0] + 1j * found[1], found[2] + 1j * found[3], found[4] + 1j * found[5]
 
 
-def through_sensor(form: PoleForm, sensor: SensorModel) -> PoleForm:
+def through_sensor(form: TransferFunction, sensor: SensorModel) -> TransferFunction:
     """Return a response behind the filters of a channel.
 
     Raises:
@@ -172,11 +187,11 @@ def through_sensor(form: PoleForm, sensor: SensorModel) -> PoleForm:
     return form
 
 
-def plant_in_flight(setup: Setup, quantity: str | None = None) -> PoleForm:
+def plant_in_flight(setup: Setup, quantity: str | None = None) -> TransferFunction:
     """Return the response of the samples to a force command while the sphere is in flight.
 
     The filters of the data acquisition are part of it; sampling every n steps is not: see
-    `PoleForm.held`.
+    `TransferFunction.held`.
 
     Args:
         setup: the run.
@@ -207,7 +222,7 @@ def linear_plant(setup: Setup) -> ModalPlant:
     return plant
 
 
-def by_command(model: ModalModel, gap: bool) -> PoleForm:
+def by_command(model: ModalModel, gap: bool) -> TransferFunction:
     """Return the response to a command of the gap, or of the plate velocity where the sensor is."""
     linear, force = model.linear, model.actuator_force
     there = np.any(linear.turn != 0.0, axis=0)  # the rest fills up a multiple of eight
@@ -226,8 +241,15 @@ def by_command(model: ModalModel, gap: bool) -> PoleForm:
         first = [-model.raised_by_m_n] * 2
     elif model.sensor_point == 0:
         first[1] += 2.0 * model.raised_by_m_n / model.step_s
-    forms = [
-        PoleForm(poles, 0.5 * weight * drive, np.array([fir, 0.0]))
-        for drive, fir in zip((by_mean, by_slope), first, strict=True)
-    ]
-    return _through_actuator(forms[0], forms[1], linear_form(model.actuator))
+    actuator = linear_form(model.actuator)
+    own, vectors = np.linalg.eig(actuator.a)
+    entry = np.linalg.solve(vectors, actuator.b.astype(complex))
+    mean, slope = (
+        TransferFunction.of_modes(poles, 0.5 * weight * drive, np.array([0.0, fir, 0.0])).filtered(
+            command, own, exits @ vectors * entry
+        )
+        for drive, fir, command, exits in zip(
+            (by_mean, by_slope), first, actuator.command, actuator.state, strict=True
+        )
+    )
+    return TransferFunction(mean.poles, mean.residues + slope.residues, mean.fir + slope.fir)

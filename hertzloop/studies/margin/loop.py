@@ -1,7 +1,7 @@
 """The linear loop of a setup in flight: sampled plant, law, and latency."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,8 @@ from hertzloop.plant.schemes.registry import SCHEMES, schemes_where
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup, resolve
 from hertzloop.studies.margin.identify import NotLinearError, law_filter
-from hertzloop.studies.margin.law_filters import INSIDE, LawFilter
-from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
+from hertzloop.studies.margin.law_filters import INSIDE
+from hertzloop.studies.margin.linear import TransferFunction, plant_in_flight
 from hertzloop.studies.margin.table import NyquistTable, make_table
 
 
@@ -19,19 +19,17 @@ from hertzloop.studies.margin.table import NyquistTable, make_table
 class Loop:
     """The loop gain of one remainder of the latency by the sampling interval."""
 
-    plant: PoleForm
-    law: LawFilter
-    table: NyquistTable
+    plant: TransferFunction
+    law: TransferFunction
+
+    @cached_property
+    def table(self) -> NyquistTable:
+        """The table of the loop gain, made when it is first asked for."""
+        return make_table(self.plant, self.law)
 
     def gain(self, z: np.ndarray) -> np.ndarray:
         """Return L without the whole samples of delay at complex `z`."""
         return -self.law.at(z) * self.plant.at(z)
-
-
-def loop_of(plant: PoleForm, law: LawFilter, every: int, remainder: int) -> Loop:
-    """Return the loop and its table for a remainder of steps, 0 to `every` - 1."""
-    held = plant.held(every, remainder)
-    return Loop(held, law, make_table(held, law))
 
 
 @dataclass(frozen=True)
@@ -39,9 +37,16 @@ class PolyphaseLoop:
     """The linear loop of a setup in flight: one `Loop` for each remainder of the latency by the
     sampling interval."""
 
-    plant: PoleForm
+    plant: TransferFunction
     every: tuple[Loop, ...]
     lead: int  # steps from a sample to its force at latency 0: one, and dead time
+
+    @classmethod
+    def of(
+        cls, plant: TransferFunction, law: TransferFunction, every: int = 1, lead: int = 0
+    ) -> "PolyphaseLoop":
+        """Return the loop of a plant whose law is sampled every `every` steps."""
+        return cls(plant, tuple(Loop(plant.held(every, r), law) for r in range(every)), lead)
 
     def at(self, latency: int) -> tuple[Loop, int]:
         """Return the loop for a latency in steps, and its delay in samples."""
@@ -52,8 +57,8 @@ class PolyphaseLoop:
         """Return the number of closed-loop poles outside the unit circle, by latency in steps."""
         whole, rest = np.divmod(np.asarray(latency) + self.lead, len(self.every))
         found = np.empty(len(whole), int)
-        for r, loop in enumerate(self.every):
-            found[rest == r] = loop.table.unstable(whole[rest == r])
+        for r in np.unique(rest):
+            found[rest == r] = self.every[r].table.unstable(whole[rest == r])
         return found
 
 
@@ -97,12 +102,11 @@ def _loops(setup: Setup, digest: str) -> PolyphaseLoop | NotLinearError:
         law = law_filter(setup)
     except NotLinearError as error:
         return error
-    plant, every = damped(plant_in_flight(setup)), setup.sensor.every_steps
     lead = 1 + setup.signal_path.dead_steps
-    return PolyphaseLoop(plant, tuple(loop_of(plant, law, every, r) for r in range(every)), lead)
+    return PolyphaseLoop.of(damped(plant_in_flight(setup)), law, setup.sensor.every_steps, lead)
 
 
-def damped(plant: PoleForm) -> PoleForm:
+def damped(plant: TransferFunction) -> TransferFunction:
     """Return a plant whose poles on the unit circle, those of modes without damping, are just
     inside it.
 

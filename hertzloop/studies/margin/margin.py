@@ -1,12 +1,33 @@
 """How stable the loop of a scene is in flight, also with a latency that varies."""
 
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.margin.binding import binding_mode
-from hertzloop.studies.margin.flight import margin_of
-from hertzloop.studies.margin.jitter import at_shortest_latency, jitter_margin_of
-from hertzloop.studies.margin.result import MarginResult
+from hertzloop.studies.margin.binding import BindingMode, binding_mode
+from hertzloop.studies.margin.flight import Margin, margin_of
+from hertzloop.studies.margin.jitter import JitterMargin, at_shortest_latency, jitter_margin_of
+
+
+@dataclass(frozen=True)
+class MarginResult:
+    """What linear theory says about a scene with its law.
+
+    Attributes:
+        flight: Margin of the loop in flight, at the shortest latency of the scene.
+        jitter: How far the latency may vary; None without a linear loop.
+        binding_mode: Mode of the structure that limits the loop; None without one.
+    """
+
+    flight: Margin
+    jitter: JitterMargin | None = None
+    binding_mode: BindingMode | None = None
+
+    def as_data(self) -> dict[str, Any]:
+        """Return the result as the data of `--json`."""
+        data = asdict(self)
+        return data.pop("flight") | data
 
 
 def margin(setup: Setup, on_part: Callable[[str], None] = lambda part: None) -> MarginResult:

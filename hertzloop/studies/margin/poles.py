@@ -9,9 +9,7 @@ start.
 
 import numpy as np
 
-from hertzloop.studies.margin.law_filters import LawFilter
-from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.sums_kernels import pole_sums
+from hertzloop.studies.margin.linear import TransferFunction, sums_at
 
 _ROUNDS, _PATIENCE = 80, 25
 _ROUNDINGS = (1e-15, 1e-12, 1e-10)  # lengths of a last step, each for so many rounds
@@ -22,16 +20,12 @@ _MOST_SHIFT, _BESIDE = 0.05, 1e-4  # starts: beside a pole of the plant at most,
 _TURN = np.exp(0.1j)
 _AT_ZERO = 1e-7  # a zero of the law at 0 leaves a pole there, which means nothing
 _LARGEST = 300.0  # logarithm of the largest power of Z
-MOST_STATES = 10_000  # up to which closed-loop poles are computed, in some seconds at most
+_MOST_STATES = 10_000  # up to which closed-loop poles are computed, in some seconds at most
 
 
-def states_of(plant: PoleForm, law: LawFilter, delay: int) -> int:
-    """Return the number of states of a loop: poles of plant and law, and delayed samples."""
-    late = delay + int(np.max(np.flatnonzero(plant.fir), initial=-1)) + 1 + len(law.taps)
-    return 2 * len(plant.poles) + len(law.poles) + late
-
-
-def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray | None:
+def closed_loop_poles(
+    plant: TransferFunction, law: TransferFunction, delay: int
+) -> np.ndarray | None:
     """Return all closed-loop poles but those at zero, both of each conjugate pair; None if there
     are too many states, or if the method fails.
 
@@ -40,28 +34,21 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
         law: response from sample to command.
         delay: of the command, in samples, beyond the one that `plant` holds.
     """
-    if states_of(plant, law, delay) > MOST_STATES:
-        return None
-    poles, residues, twins = _merged(*plant.both_of_pairs())
     # A finite impulse response is a delay too: its poles are at zero, to the last digit.
-    control = np.asarray(law.poles, complex)
-    control = control[control != 0.0]
-    late = delay + int(np.max(np.flatnonzero(plant.fir), initial=-1)) + 1
-    late += len(law.poles) - len(control) + len(law.taps)
-
-    def rest(z: np.ndarray, skip: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The plant without some poles, its slope, and the sum of 1/(z - p)."""
-        value, slope, inverse = sums_at(z, poles, residues, skip)
-        value += (plant.fir[0] + plant.fir[1] / z) / z
-        slope -= (plant.fir[0] + 2.0 * plant.fir[1] / z) / z**2
-        return value, slope, inverse
+    late = delay + int(np.max(np.flatnonzero(plant.fir), initial=0))
+    late += int(np.sum(law.poles == 0.0)) + len(law.fir) - 1
+    control = np.asarray(law.poles[law.poles != 0.0], complex)
+    if len(plant.poles) + len(control) + late > _MOST_STATES:
+        return None
+    poles, residues, twins = _merged(plant.poles, plant.residues)
 
     with np.errstate(all="ignore"):
         gain = law.at(poles)
         if not np.all(np.isfinite(gain)):
             return None
         # To first order, how far a pole of the plant moves when the loop is closed.
-        without = rest(poles, np.arange(len(poles)))[0]
+        value, slope, _ = sums_at(poles, poles, residues, np.arange(len(poles)))
+        without = plant.with_taps(poles, value, slope)[0]
         shift = gain * residues / (_power(poles, delay) - gain * without)
         still = ~(np.abs(shift) > _NO_SHIFT)
         fixed, own = np.concatenate([twins, poles[still]]), poles[~still]
@@ -79,7 +66,8 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
             if not len(at):
                 break
             here = z[at]
-            value, slope, by_plant = rest(here, np.full(len(at), -1))
+            value, slope, by_plant = sums_at(here, poles, residues)
+            value, slope = plant.with_taps(here, value, slope)
             law_value, law_slope = law.with_slope(here)
             relative = law_slope / law_value + slope / value - delay / here  # L'/L
             other = -_power(here, delay) / (law_value * value)  # 1/L
@@ -96,22 +84,6 @@ def closed_loop_poles(plant: PoleForm, law: LawFilter, delay: int) -> np.ndarray
     if moving.any() or not np.all(np.isfinite(z)):
         return None
     return np.concatenate([fixed, z[np.abs(z) > _AT_ZERO]])
-
-
-def sums_at(
-    z: np.ndarray, poles: np.ndarray, residues: np.ndarray, skip: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the sums of r/(z - p), of -r/(z - p)^2 and of 1/(z - p) over poles p.
-
-    Args:
-        z: points, complex, shape (n,).
-        poles, residues: complex, shape (poles,).
-        skip: number of the pole that a point leaves out, else -1, shape (n,).
-    """
-    parts = [part.copy() for one in (z, poles, residues) for part in (one.real, one.imag)]
-    found = np.empty((6, len(z)))
-    pole_sums(*parts, skip, found)
-    return found[0] + 1j * found[1], found[2] + 1j * found[3], found[4] + 1j * found[5]
 
 
 def _power(z: np.ndarray, n: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from hertzloop.studies.margin.flight import Margin
 from hertzloop.studies.margin.growth import Growth
 from hertzloop.studies.margin.jitter import JitterMargin
 from hertzloop.studies.margin.loop import NO_LAW
-from hertzloop.studies.margin.result import MarginResult
+from hertzloop.studies.margin.margin import MarginResult
 
 _SHOWS = 10.0  # e-folds from which a run shows an instability
 
@@ -22,8 +22,6 @@ def verdict_line(found: MarginResult) -> str:
     m = found.flight
     if not m.applicable:
         return "The law has no linear loop in flight, so it has no margin."
-    if m.stable is None:
-        return f"Whether the loop is stable at {m.latency_us:g} us could not be decided."
     if not m.stable:
         return f"The loop is unstable in flight at {m.latency_us:g} us: {growth_words(m.growth)}."
     latency = "any latency"
@@ -65,17 +63,8 @@ def margin_lines(m: Margin) -> list[str]:
             remedy = "Name a law, for example --law velocity_feedback."
         return [f"No margin: {m.reason}.", remedy]
     lines = [f"Linear loop in flight, ideal converters, {m.modes} modes, step {m.step_ns} ns"]
-    if m.stable:
-        lines.append(f"stable at the scene's latency of {m.latency_us:g} us")
-    elif m.stable is None:
-        lines.append(
-            f"at {m.latency_us:g} us the number of poles outside the unit circle could not be "
-            "decided: two methods disagree"
-        )
-    else:
-        lines.append(f"unstable at {m.latency_us:g} us: {growth_words(m.growth)}")
-        if m.growth_per_s is not None:
-            lines.append(f"{m.unstable_poles} poles outside the unit circle")
+    if not m.stable and m.growth_per_s is not None:
+        lines.append(f"{m.unstable_poles} poles outside the unit circle")
     if m.latency_limit_steps is None:
         lines.append("latency limit: none")
     elif m.latency_limit_steps < 0:

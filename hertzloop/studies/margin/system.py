@@ -12,7 +12,7 @@ from hertzloop.common.atomic_files import whole_file
 from hertzloop.common.optional_dependencies import need
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.margin.linear import PoleForm, plant_in_flight
+from hertzloop.studies.margin.linear import TransferFunction, plant_in_flight
 from hertzloop.studies.margin.table import grid
 from hertzloop.studies.pages.words import write_rows
 
@@ -33,7 +33,7 @@ class StateSpace(NamedTuple):
 
 
 @dataclass(frozen=True)
-class LinearSystem(PoleForm):
+class LinearSystem(TransferFunction):
     """Response of the samples to the force of the actuator, from sample to sample, per newton.
 
     The latency of the scene's loop is `delay` samples more. It is not part of poles, residues and
@@ -89,9 +89,9 @@ class LinearSystem(PoleForm):
         found = np.zeros(samples)
         power = self.residues.copy()
         for k in range(1, samples):
-            found[k] = 2.0 * power.real.sum()
+            found[k] = power.real.sum()
             power *= self.poles
-        found[1:3] += self.fir[: max(0, samples - 1)]
+        found[:3] += self.fir[:samples]
         return found
 
     def to_statespace(self, latency: bool = False) -> StateSpace:
@@ -103,9 +103,8 @@ class LinearSystem(PoleForm):
         Raises:
             ValueError: the matrix is too large to store densely.
         """
-        real = self.poles.imag == 0.0
         late = self.delay if latency else 0
-        count = int(2 * len(real) - real.sum()) + 2 + late
+        count = len(self.poles) + 2 + late
         if count > _MOST_STATES:
             raise ValueError(
                 f"state space: has {count} states; the limit is {_MOST_STATES}. Use poles and "
@@ -113,17 +112,17 @@ class LinearSystem(PoleForm):
             )
         a, b, c = np.zeros((count, count)), np.zeros((count, 1)), np.zeros((1, count))
         at = 0
-        for pole, residue, alone in zip(self.poles, self.residues, real, strict=True):
-            size = math.sqrt(2.0 * abs(residue)) or 1.0
+        upper = self.poles.imag >= 0.0
+        for pole, residue in zip(self.poles[upper], self.residues[upper], strict=True):
+            states = 1 if pole.imag == 0.0 else 2
+            size = math.sqrt(states * abs(residue)) or 1.0
             b[at, 0] = size
-            c[0, at] = 2.0 * residue.real / size
-            a[at, at] = pole.real
-            if not alone:
-                c[0, at + 1] = -2.0 * residue.imag / size
-                a[at : at + 2, at : at + 2] = [[pole.real, -pole.imag], [pole.imag, pole.real]]
-            at += 1 if alone else 2
+            c[0, at : at + 2] = states * np.array([residue.real, -residue.imag]) / size
+            turn = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]])
+            a[at : at + states, at : at + states] = turn[:states, :states]
+            at += states
         b[at, 0], a[at + 1, at] = 1.0, 1.0
-        c[0, at : at + 2] = self.fir
+        c[0, at : at + 2] = self.fir[1:]
         if late:  # a chain of commands in front of what the force drives
             first = at + 2
             a[:, -1:] += b

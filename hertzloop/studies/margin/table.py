@@ -5,21 +5,22 @@ round -1 there. Latency only turns these phases, so the table is made once (Nyqu
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hertzloop.studies.margin.law_filters import LawFilter
-from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.poles import sums_at
+from hertzloop.studies.margin.linear import TransferFunction
 
 _POINTS = 14  # on the tangent around a pole
 _GAP_POINTS = 5
-_MOST_ROUNDS = 24
+_MOST_ROUNDS = 40
 _NEAR, _ELSEWHERE = 0.05, 0.5  # largest error of an interpolated log L
 _MOST_TURN = 1.2  # rad between two points
 _HIDDEN_ROUNDS = 6
-_HALVINGS = 60
+_HALVINGS = 55
+Sampled = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # values and slopes at angles
 NO_GAIN = 1e-300  # stands for a loop gain of zero, of which there is no logarithm
 
 
@@ -79,17 +80,13 @@ class NyquistTable:
 class FrequencyResponse:
     """The loop gain L = -C P without latency on the upper unit circle."""
 
-    def __init__(self, plant: PoleForm, law: LawFilter) -> None:
+    def __init__(self, plant: TransferFunction, law: TransferFunction) -> None:
         self.plant, self.law = plant, law
-        self._poles, self._residues = plant.both_of_pairs()
 
     def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return log L and its slope by the angle, complex, at angles from 0 to pi."""
         z = np.exp(1j * theta)
-        p, p_1, _ = sums_at(z, self._poles, self._residues, np.full(len(z), -1))
-        near, (b_1, b_2) = 1.0 / z, self.plant.fir
-        p += near * (b_1 + b_2 * near)
-        p_1 -= near * near * (b_1 + 2.0 * b_2 * near)
+        p, p_1 = self.plant.with_slope(z)
         c, c_1 = self.law.with_slope(z)
         gain = -c * p
         if not np.all(np.isfinite(gain)):
@@ -104,8 +101,7 @@ class FrequencyResponse:
 
 def grid(poles: np.ndarray) -> np.ndarray:
     """Return angles from 0 to pi that are dense around every pole, shape (points,)."""
-    poles = poles[np.abs(poles) > 1e-6]
-    s = np.log(poles)
+    s = np.log(poles[(np.abs(poles) > 1e-6) & (poles.imag >= -1e-14)])
     centre, width = np.abs(s.imag), np.maximum(np.abs(s.real), 1e-13)
     near = np.tan(np.linspace(-1.5, 1.5, _POINTS))
     order = np.sort(np.concatenate([[0.0], centre, [math.pi]]))
@@ -122,91 +118,111 @@ def grid(poles: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], theta, [math.pi]])
 
 
-def make_table(plant: PoleForm, law: LawFilter) -> NyquistTable:
-    """Return the table of the loop gain -C P without latency.
+class Samples(NamedTuple):
+    """A response at rising angles, rad: its values, and their slopes by the angle, last axis."""
 
-    An interval is halved until the cubic through log L and its slope at both ends predicts the
-    middle. Where this cubic passes |L| = 1 and the ends do not tell, a point is added.
+    theta: np.ndarray
+    value: np.ndarray
+    slope: np.ndarray
+
+    def with_more(self, theta: np.ndarray, at: Sampled) -> "Samples":
+        """Return them with the response `at` more angles, which are rising and not there yet."""
+        where = np.searchsorted(self.theta, theta)
+        return Samples(
+            np.insert(self.theta, where, theta),
+            *(np.insert(old, where, new, -1) for old, new in zip(self[1:], at(theta), strict=True)),
+        )
+
+    def part(self, which: Any) -> "Samples":
+        """Return some of them."""
+        return Samples(self.theta[which], self.value[..., which], self.slope[..., which])
+
+
+def refined(
+    theta: np.ndarray, at: Sampled, unsure: Callable[[Samples, Samples, Samples], np.ndarray]
+) -> Samples:
+    """Return a response sampled so that its middles follow from the ends of all intervals.
+
+    Args:
+        theta: first angles, rising.
+        at: the response.
+        unsure: tells, from the left ends, the middles and the right ends of intervals, in which
+            halves of these more middles are needed.
     """
-    log_of = FrequencyResponse(plant, law)
-    poles = np.concatenate([plant.poles, law.poles[law.poles.imag >= -1e-14]])
-    theta = grid(poles)
-    value, slope = log_of(theta)
+    samples = Samples(theta, *at(theta))
     open_ = np.ones(len(theta) - 1, bool)
     for _ in range(_MOST_ROUNDS):
+        theta = samples.theta
         middle = 0.5 * (theta[:-1] + theta[1:])
         which = np.flatnonzero(open_ & (middle > theta[:-1]) & (middle < theta[1:]))
         if not len(which):
             break
-        found, found_slope = log_of(middle[which])
-        width = theta[which + 1] - theta[which]
-        rise = value[which + 1] - value[which]
-        bend = 0.125 * width * (slope[which] - slope[which + 1])
-        away = value[which] + 0.5 * rise + bend - found
-        # The phase may be off by whole turns, and half of that in the middle.
-        away_phase = np.minimum(np.abs(_wrapped(away.imag)), np.abs(_wrapped(away.imag + math.pi)))
-        close = np.minimum(np.abs(found.real), np.abs(value[which].real))
-        close = np.minimum(close, np.abs(value[which + 1].real)) < 1.0
-        bad = np.hypot(away.real, away_phase) > np.where(close, _NEAR, _ELSEWHERE)
-        for step in (found - value[which], value[which + 1] - found):
-            bad |= np.abs(_wrapped(step.imag)) > _MOST_TURN
-        theta = np.insert(theta, which + 1, middle[which])
-        value = np.insert(value, which + 1, found)
-        slope = np.insert(slope, which + 1, found_slope)
-        flags = np.zeros(len(open_), bool)
-        flags[which] = bad
-        open_ = np.insert(flags, which + 1, bad)
+        samples = samples.with_more(middle[which], at)
+        new = which + 1 + np.arange(len(which))
+        bad = unsure(samples.part(new - 1), samples.part(new), samples.part(new + 1))
+        open_ = np.zeros(len(samples.theta) - 1, bool)
+        open_[new - 1] = open_[new] = bad
+    return samples
+
+
+def middle_of_cubic(left: Samples, right: Samples) -> np.ndarray:
+    """Return the middles of the cubics through values and slopes at both ends of intervals."""
+    bend = 0.125 * (right.theta - left.theta) * (left.slope - right.slope)
+    return np.asarray(0.5 * (left.value + right.value) + bend)
+
+
+def _unsure(left: Samples, middle: Samples, right: Samples) -> np.ndarray:
+    """Whether the cubic through log L does not predict the middle, or the phase turns too far."""
+    away = middle_of_cubic(left, right) - middle.value
+    # The phase may be off by whole turns, and half of that in the middle.
+    away_phase = np.minimum(np.abs(_wrapped(away.imag)), np.abs(_wrapped(away.imag + math.pi)))
+    close = np.min([np.abs(part.value.real) for part in (left, middle, right)], axis=0) < 1.0
+    bad = np.hypot(away.real, away_phase) > np.where(close, _NEAR, _ELSEWHERE)
+    for step in (middle.value - left.value, right.value - middle.value):
+        bad |= np.abs(_wrapped(step.imag)) > _MOST_TURN
+    return bad
+
+
+def make_table(plant: TransferFunction, law: TransferFunction) -> NyquistTable:
+    """Return the table of the loop gain -C P without latency.
+
+    Where the cubic through log L passes |L| = 1 and the ends do not tell, a point is added.
+    """
+    log_of = FrequencyResponse(plant, law)
+    poles = np.concatenate([plant.poles, law.poles])
+    samples = refined(grid(poles), log_of, _unsure)
     for i in range(_HIDDEN_ROUNDS):
-        hidden = _hidden(theta, value.real, slope.real, _NEAR * 0.1**i)
+        hidden = np.setdiff1d(_hidden(samples, _NEAR * 0.1**i), samples.theta)
         if not len(hidden):
             break
-        theta = np.unique(np.concatenate([theta, hidden]))
-        value, slope = log_of(theta)
-    size = value.real
-    turns = np.concatenate([[0.0], np.cumsum(_wrapped(np.diff(value.imag)))])
-    phase = value[0].imag + turns
+        samples = samples.with_more(hidden, log_of)
+    theta, size = samples.theta, samples.value.real
+    turns = np.concatenate([[0.0], np.cumsum(_wrapped(np.diff(samples.value.imag)))])
+    phase = samples.value[0].imag + turns
     above = size > 0.0
     change = np.flatnonzero(above[1:] != above[:-1])
-    edge, edge_phase = _edges(log_of, theta, above, change)
-    edge_phase = phase[change] + _wrapped(edge_phase - phase[change])
-    arcs = []
-    start, start_phase = (0.0, float(phase[0])) if above[0] else (math.nan, math.nan)
-    for i, j in enumerate(change):
-        if above[j]:
-            arcs.append(GainArc(start, float(edge[i]), start_phase, float(edge_phase[i])))
-        else:
-            start, start_phase = float(edge[i]), float(edge_phase[i])
-    if above[-1]:
-        arcs.append(GainArc(start, math.pi, start_phase, float(phase[-1])))
-    outside = poles[np.abs(poles) > 1.0]
-    count = int(sum(1 if abs(p.imag) < 1e-15 else 2 for p in outside))
-    return NyquistTable(tuple(arcs), count, theta, size + 1j * phase, log_of)
-
-
-def _edges(
-    log_of: FrequencyResponse, theta: np.ndarray, above: np.ndarray, change: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return where |L| = 1 in the intervals `change`, and the phase there, by Newton's method that
-    falls back on halving."""
-    low, high = theta[change].copy(), theta[change + 1].copy()
-    edge = 0.5 * (low + high)
-    value, slope = log_of(edge)
+    low, high = theta[change], theta[change + 1]
     for _ in range(_HALVINGS):
-        same = (value.real > 0.0) == above[change]
-        low, high = np.where(same, edge, low), np.where(same, high, edge)
-        with np.errstate(all="ignore"):
-            step = edge - value.real / slope.real
-        after = np.where((step > low) & (step < high), step, 0.5 * (low + high))
-        if np.all(np.abs(after - edge) <= 1e-16 + 4e-16 * edge):
-            break
-        edge = after
-        value, slope = log_of(edge)
-    return edge, value.imag
+        middle = 0.5 * (low + high)
+        same = (log_of(middle)[0].real > 0.0) == above[change]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    edge = 0.5 * (low + high)
+    edge_phase = phase[change] + _wrapped(log_of(edge)[0].imag - phase[change])
+    ends = list(zip(edge.tolist(), edge_phase.tolist(), strict=True))
+    ends = [(0.0, float(phase[0]))] * bool(above[0]) + ends
+    ends += [(math.pi, float(phase[-1]))] * bool(above[-1])
+    arcs = [
+        GainArc(start, end, start_phase, end_phase)
+        for (start, start_phase), (end, end_phase) in zip(ends[::2], ends[1::2], strict=True)
+    ]
+    outside = int(np.sum(np.abs(poles) > 1.0))
+    return NyquistTable(tuple(arcs), outside, theta, size + 1j * phase, log_of)
 
 
-def _hidden(theta: np.ndarray, size: np.ndarray, slope: np.ndarray, error: float) -> np.ndarray:
+def _hidden(samples: Samples, error: float) -> np.ndarray:
     """Return extrema of the cubics through log |L| that lie beyond |L| = 1, or within `error` of
     it, while both ends lie on this side of it."""
+    theta, size, slope = samples.theta, samples.value.real, samples.slope.real
     width = np.diff(theta)
     low, high = size[:-1], size[1:]
     s_0, s_1 = slope[:-1] * width, slope[1:] * width

@@ -12,7 +12,7 @@ from hertzloop.studies.margin.chart import draw
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
-from hertzloop.studies.margin.loop import loop_of
+from hertzloop.studies.margin.loop import Loop
 from hertzloop.studies.margin.poles import closed_loop_poles
 from tests.commands import invoke
 from tests.tiers import default
@@ -40,7 +40,7 @@ CASES = {
 def test_all_poles_are_zeros_of_1_plus_l_and_as_many_as_the_table_says(name, delay):
     scene, settings = CASES[name]
     setup = load(scene, settings)
-    loop = loop_of(plant_in_flight(setup), law_filter(setup), 1, 0)
+    loop = Loop(plant_in_flight(setup), law_filter(setup))
     poles = closed_loop_poles(loop.plant, loop.law, delay)
     assert np.sum(np.abs(poles) > 1.0) == loop.table.unstable(np.array([delay]))[0]
     away = np.abs(poles[:, None] - loop.plant.poles).min(axis=1)
@@ -66,7 +66,6 @@ def test_the_binding_mode_has_indices_and_frequency():
     audible = (m % 2 == 1) & (n % 2 == 1)  # the others have a node at the centre
     lower = np.unique(np.round(omega[audible & (omega < 2.0 * np.pi * expected * 0.999)], 6))
     assert found.number == len(lower) + 1
-    assert np.allclose(np.abs(found.at_contact), 1.0)
 
 
 def test_a_structure_without_indices_has_a_number():
@@ -109,7 +108,7 @@ def test_the_command_writes_picture_numbers_and_plant(tmp_path):
     assert data["binding_mode"]["indices"] == [[7, 1], [5, 5], [1, 7]]
     assert (tmp_path / "out" / "margin.png").read_bytes()[:4] == b"\x89PNG"
     plant = np.load(tmp_path / "out" / "plant.npz")
-    assert len(plant["poles"]) == data["modes"] + 1  # that of the truncated modes
+    assert np.sum(plant["poles"].imag >= 0.0) == data["modes"] + 1  # that of the truncated modes
 
 
 def test_the_command_points_to_the_budget(tmp_path):

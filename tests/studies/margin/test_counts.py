@@ -6,9 +6,8 @@ import pytest
 from benchmarks.margin import dense, laws, own_laws, synthetic
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.growth import growth_of
-from hertzloop.studies.margin.law_filters import LawFilter
-from hertzloop.studies.margin.linear import PoleForm
-from hertzloop.studies.margin.loop import loop_of
+from hertzloop.studies.margin.linear import TransferFunction
+from hertzloop.studies.margin.loop import Loop
 from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.table import FrequencyResponse
 from tests.tiers import default
@@ -29,25 +28,28 @@ def test_counts_agree_with_eigenvalues(modes):
 def test_a_dip_below_one_between_the_points_is_found():
     """|L| falls below 1 by 1e-5 over a millionth of the circle between two resonances."""
     poles = np.exp(np.array([-1e-7 + 0.002j, -1e-7 + 0.0045j]))
-    plant = PoleForm(poles, np.array([0.5 + 0j, 0.5 + 0j]), np.array([0.3, 0.0]))
-    none = np.empty(0, complex)
+    plant = TransferFunction.of_modes(
+        poles, np.array([0.5 + 0j, 0.5 + 0j]), np.array([0.0, 0.3, 0.0])
+    )
     theta = np.linspace(0.002001, 0.004499, 200_001)
-    least = np.exp(FrequencyResponse(plant, LawFilter(1.0, none, none))(theta)[0].real.min())
-    dip = LawFilter(-(1.0 - 1e-5) / least, none, none)
-    arcs = loop_of(plant, dip, 1, 0).table.arcs
+    least = np.exp(FrequencyResponse(plant, TransferFunction.of_taps(1.0))(theta)[0].real.min())
+    dip = TransferFunction.of_taps(-(1.0 - 1e-5) / least)
+    arcs = Loop(plant, dip).table.arcs
     assert len(arcs) >= 2
     assert any(0.002 < arc.end < 0.0045 for arc in arcs)
 
 
 @pytest.mark.parametrize("taps", [[0.3], [0.0, -0.2, 0.5], [0.1] * 12])
 def test_a_finite_impulse_response_closes_the_loop(taps):
-    plant = PoleForm(np.exp([-0.01 + 0.5j, -0.02 + 1.7j]), np.full(2, 0.2 + 0j), np.zeros(2))
-    law = LawFilter(-0.4, np.empty(0, complex), np.empty(0, complex), np.array(taps))
+    plant = TransferFunction.of_modes(
+        np.exp([-0.01 + 0.5j, -0.02 + 1.7j]), np.full(2, 0.2 + 0j), np.zeros(3)
+    )
+    law = TransferFunction.of_taps(-0.4, *taps)
     found = closed_loop_poles(plant, law, 3)
     assert len(found) == 4 + 3 + len(taps)
-    gain = 1.0 + loop_of(plant, law, 1, 0).gain(found) * found**-3.0
+    gain = 1.0 + Loop(plant, law).gain(found) * found**-3.0
     assert np.abs(gain).max() < 1e-9
-    count = loop_of(plant, law, 1, 0).table.unstable(np.array([3]))[0]
+    count = Loop(plant, law).table.unstable(np.array([3]))[0]
     assert count == np.sum(np.abs(found) > 1.0)
 
 

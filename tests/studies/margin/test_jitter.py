@@ -9,7 +9,6 @@ import pytest
 from benchmarks.jitter_margin import (
     RandomLoop,
     Search,
-    polyphase,
     random_loop,
 )
 from benchmarks.margin import simulated_growth_per_s
@@ -21,12 +20,11 @@ from hertzloop.studies.margin.jitter import (
     at_shortest_latency,
     jitter_margin_of,
 )
-from hertzloop.studies.margin.law_filters import LawFilter
-from hertzloop.studies.margin.linear import PoleForm
+from hertzloop.studies.margin.linear import TransferFunction
+from hertzloop.studies.margin.loop import PolyphaseLoop
 from tests.commands import invoke
 from tests.tiers import default
 
-NONE = np.empty(0, complex)
 SCENE = [
     "controller.law=velocity_feedback",
     "sensors.quantity=v_p",
@@ -52,9 +50,11 @@ def test_an_oscillator_with_velocity_feedback_has_its_closed_form(loss, angle, g
     With t = 1/(1 - cos theta) the square of |1 + L|/(|L| |z - 1|) is quadratic in t.
     """
     p = np.exp((-loss + 1j) * angle)
-    plant = PoleForm(np.array([p]), np.array([(p - 1.0) / (p - p.conjugate())]), np.zeros(2))
-    law = LawFilter(-gain, NONE, NONE)
-    delay, at = ErrorResponse(polyphase(plant, law, 1), 0).largest_delay()
+    plant = TransferFunction.of_modes(
+        np.array([p]), np.array([(p - 1.0) / (p - p.conjugate())]), np.zeros(3)
+    )
+    law = TransferFunction.of_taps(-gain)
+    delay, at = ErrorResponse(PolyphaseLoop.of(plant, law), 0).largest_delay()
     a, b = 2.0 * p.real - gain, abs(p) ** 2 - gain
     square, linear, constant = (1.0 + b - a) ** 2, 2.0 * a * (1.0 + b) - 8.0 * b, 4.0 * b
     least = math.sqrt(constant - linear**2 / (4.0 * square)) / (2.0 * gain)
@@ -64,8 +64,10 @@ def test_an_oscillator_with_velocity_feedback_has_its_closed_form(loss, angle, g
 
 @pytest.mark.parametrize("pole", [0.9, 0.5])
 def test_a_real_pole_is_limited_at_the_nyquist_frequency(pole):
-    plant = PoleForm(np.array([pole + 0j]), np.array([0.5 + 0j]), np.zeros(2))
-    delay, at = ErrorResponse(polyphase(plant, LawFilter(-0.1, NONE, NONE), 1), 0).largest_delay()
+    plant = TransferFunction.of_modes(np.array([pole + 0j]), np.array([0.5 + 0j]), np.zeros(3))
+    delay, at = ErrorResponse(
+        PolyphaseLoop.of(plant, TransferFunction.of_taps(-0.1)), 0
+    ).largest_delay()
     assert delay == pytest.approx((1.0 + pole - 0.1) / 0.2, rel=1e-12)
     assert at == pytest.approx(math.pi, abs=1e-6)
 
@@ -74,18 +76,18 @@ def test_a_real_pole_is_limited_at_the_nyquist_frequency(pole):
 def test_the_condition_agrees_with_impulses_in_every_step(every, delay):
     """An error of the force in one step of the closed loop changes the commands as the response
     says."""
-    plant = PoleForm(
+    plant = TransferFunction.of_modes(
         np.exp([-0.02 + 0.3j, -0.05 + 1.9j]),
         np.array([0.05 + 0.01j, -0.02j]),
-        np.array([0.1, 0.05]),
+        np.array([0.0, 0.1, 0.05]),
     )
-    law = LawFilter(-0.3, np.array([0.6 + 0j]), np.array([-0.1 + 0j]))
+    law = TransferFunction(np.array([0.6 + 0j]), np.array([-0.1 + 0j]), np.array([-0.3]))
     samples = 1500
     step = np.arange(samples * every)
     response = np.zeros(len(step))
     for pole, residue in zip(plant.poles, plant.residues, strict=True):
-        response[1:] += 2.0 * (residue * pole ** step[:-1]).real
-    response[1:3] += plant.fir
+        response[1:] += (residue * pole ** step[:-1]).real
+    response[:3] += plant.fir
     theta = np.pi * np.arange(1, samples + 1) / samples
     squares = []
     for r in range(every):
@@ -95,14 +97,14 @@ def test_the_condition_agrees_with_impulses_in_every_step(every, delay):
         for k in step:
             if k % every == 0:
                 value = float(response[k::-1] @ force[: k + 1])
-                commands.append(law.direct * value + kept)
+                commands.append(law.fir[0] * value + kept)
                 kept = 0.6 * kept - 0.1 * value
                 first = k + delay
                 force[first : first + every] += commands[-1]
         changes = np.diff(commands, prepend=0.0)
         assert abs(changes[-100:]).max() < 1e-9 * abs(changes).max()
         squares.append(np.abs(np.fft.rfft(changes, 2 * samples)[1:]) ** 2)
-    found = ErrorResponse(polyphase(plant, law, every), delay)
+    found = ErrorResponse(PolyphaseLoop.of(plant, law, every), delay)
     np.testing.assert_allclose(np.exp(found.at(theta)[0]), squares, rtol=1e-6, atol=1e-9)
     margin = found.largest_delay()[0]
     for whole, holds in ((math.floor(margin), True), (math.floor(margin) + 1, False)):

@@ -87,8 +87,8 @@ def check_transfer(setup: Setup) -> None:
     form = plant_in_flight(setup)
     i = np.arange(count)
     response = np.zeros(count)
-    response[1:] = 2.0 * (form.poles[None, :] ** i[:-1, None] @ form.residues).real
-    response[1:3] += form.fir
+    response[1:] = (form.poles[None, :] ** i[:-1, None] @ form.residues).real
+    response[:3] += form.fir
     expected = np.convolve(response, forces)[:count]
     assert np.abs(real - expected).max() <= 1e-12 * np.abs(real).max()
 
