@@ -82,15 +82,13 @@ class BoundLaw:
 
 
 class BoundPython(BoundLaw):
-    """The same of a law written in Python; `constants` are what it sees as `p`.
+    """The same of a `Law` written in Python; `constants` are what it sees as `p`.
 
     With `ahead` false it has `command` alone: what it knows of later samples is not asked for.
     """
 
-    def __init__(self, law: law_code.LawCode, constants: Any, ahead: bool = True) -> None:
-        home = law.home
-        fields = constants._asdict() if hasattr(constants, "_asdict") else vars(constants)
-        seen = seen_values(fields)
+    def __init__(self, law: Any, constants: Any, ahead: bool = True) -> None:
+        home, seen = law.home, seen_values(constants._asdict())
         packed, state = pack(seen), state_of(home)
         self._home, self._constants = home, constants._replace(**seen)
         wanted = tuple(law_code.FUNCTIONS) if ahead else ("command",)
@@ -98,9 +96,8 @@ class BoundPython(BoundLaw):
         held: Any = None
         trouble, ended = "", list[BaseException]()
         if not law_code.UNCOMPILED:
-            with law_code.compiling:
-                held = law_code.entries_of(law, packed.dtype, state.dtype)
-                addresses, trouble = held.addresses(wanted), held.trouble
+            held, addresses = law_code.compiled_law(law, packed.dtype, state.dtype, wanted)
+            trouble = held.trouble
         if not addresses:
             held = callbacks.python_functions(home, self._constants, state.dtype, wanted, ended)
             addresses = callbacks.addresses_of(held)

@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from llvmlite import ir
@@ -140,20 +140,6 @@ def _text() -> str:
 _TEXT = _text()
 
 
-class LawCode(NamedTuple):
-    """What is compiled of a law.
-
-    Attributes:
-        home: the module or class with its functions.
-        jitted: functions that these call and that the law has had compiled by Numba itself.
-    """
-
-    name: str
-    digest: str
-    home: Any
-    jitted: tuple[Any, ...] = ()
-
-
 class CompiledLaw:
     """A law's functions as C functions for records of these layouts, each compiled, or loaded from
     the disk, when it is first asked for.
@@ -161,7 +147,7 @@ class CompiledLaw:
     `trouble`: why Numba could not compile one of them, empty while it could.
     """
 
-    def __init__(self, law: LawCode, parameters: np.dtype, state: np.dtype) -> None:
+    def __init__(self, law: Any, parameters: np.dtype, state: np.dtype) -> None:
         for function in law.jitted:  # Numba keeps it with the values that its globals had
             function.recompile()
         self._names = [name for name in FUNCTIONS if callable(getattr(law.home, name, None))]
@@ -230,12 +216,17 @@ def _first_line(error: Exception, function: str) -> str:
 
 # By name and digest of the law and by the layouts, which are kept and thus known by identity.
 _ENTRIES: dict[tuple[str, str, int, int], tuple[CompiledLaw, np.dtype, np.dtype]] = {}
-compiling = Lock()  # threads that meet a new law at once would each compile it, and drop others'
+_compiling = Lock()  # threads that meet a new law at once would each compile it, and drop others'
 
 
-def entries_of(law: LawCode, parameters: np.dtype, state: np.dtype) -> CompiledLaw:
-    """The entries of a law for these layouts, made once; to be called with `compiling` held."""
+def compiled_law(
+    law: Any, parameters: np.dtype, state: np.dtype, wanted: Iterable[str]
+) -> tuple[CompiledLaw, dict[str, int]]:
+    """The compiled functions of a `Law` for these layouts, made once, and the addresses of those
+    `wanted`."""
     key = (law.name, law.digest, id(parameters), id(state))
-    if key not in _ENTRIES:
-        _ENTRIES[key] = CompiledLaw(law, parameters, state), parameters, state
-    return _ENTRIES[key][0]
+    with _compiling:
+        if key not in _ENTRIES:
+            _ENTRIES[key] = CompiledLaw(law, parameters, state), parameters, state
+        found = _ENTRIES[key][0]
+        return found, found.addresses(wanted)

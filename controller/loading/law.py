@@ -13,7 +13,6 @@ from pydantic import BaseModel, Field
 
 from hertzloop.controller.law import WHOLE_STEPS, ForceBound, Keys, LawContext, LawError, Response
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython
-from hertzloop.controller.loading.compiled import LawCode
 from hertzloop.controller.loading.identity import Identity, identify
 
 # What a law without `prepare` knows of the run, besides its keys.
@@ -103,6 +102,11 @@ class Law:
             return "its force is computed before the run and does not depend on the samples"
         return str(getattr(self.home, "not_linear", ""))
 
+    @property
+    def jitted(self) -> tuple[Any, ...]:
+        """Functions that it calls and has had compiled by Numba itself."""
+        return self.identity.jitted if self.identity else ()
+
     def note(self, keys: Any) -> str:
         """A sentence on its keys that a user should read before a run; usually empty."""
         return str(self._asked("note", keys) or "")
@@ -185,9 +189,7 @@ class Law:
     def bound_to(self, constants: Any, ahead: bool = True) -> BoundLaw:
         """The law with given constants. Raises LawError."""
         try:
-            jitted = self.identity.jitted if self.identity else ()
-            code = LawCode(self.name, self.digest, self.home, jitted)
-            return BoundPython(code, constants, ahead)
+            return BoundPython(self, constants, ahead)
         except TypeError as error:
             raise LawError(f"law {self.name}: is invalid: {error}") from error
 
