@@ -8,11 +8,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from hertzloop.results.cases import CASE_METRICS
+from hertzloop.results.cases import CASE_FACTS
 from hertzloop.studies.pages import pictures, words
 from hertzloop.studies.pages.words import METRICS
 
-CHANGES = {name: words for name, words in METRICS.items() if CASE_METRICS[name].unit in ("dB", "%")}
+CHANGES = {name: words for name, words in METRICS.items() if CASE_FACTS[name].unit in ("dB", "%")}
 _EMPTY = {"rebound_percent": 1.0}  # a row that changes by less is left out; else by 0.05 dB
 _LEAST_DB = 0.05
 _COLOURS = "RdBu_r"
@@ -67,7 +67,7 @@ def _grid(rows: list[dict[str, Any]], key: str, metric: str) -> tuple[list[Any],
     latencies = sorted({row["controller.latency_us"] for row in rows})
     values = sorted({row[key] for row in rows})
     z = np.array([np.nan if row[metric] is None else row[metric] for row in rows], float)
-    z = z.reshape(len(latencies), len(values)).T - CASE_METRICS[metric].without
+    z = z.reshape(len(latencies), len(values)).T - CASE_FACTS[metric].without
     return latencies, values, z
 
 

@@ -1,11 +1,11 @@
 """The reference page of all metrics, made of their rows."""
 
-from hertzloop.results.cases import CASE_METRICS
-from hertzloop.results.span_metrics import SPAN_METRICS
+from hertzloop.results.cases import CASE_FACTS
+from hertzloop.results.span_metrics import SPAN_FACTS
 
 _TABLES = {
-    "Metrics of a run": ("`run`, `inspect` and `compare` print them.", SPAN_METRICS),
-    "Metrics of a case": ("Columns of `sweep`, goals of `tune` and `budget`.", CASE_METRICS),
+    "Metrics of a run": ("`run`, `inspect` and `compare` print them.", SPAN_FACTS),
+    "Metrics of a case": ("Columns of `sweep`, goals of `tune` and `budget`.", CASE_FACTS),
 }
 
 

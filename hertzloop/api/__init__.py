@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from hertzloop.loop.run_options import OptionError
     from hertzloop.processes.launcher import RunFailed
     from hertzloop.recordings.writer import RecordingError
-    from hertzloop.results.comparison import Comparison, Difference
     from hertzloop.results.span_metrics import RunMetrics, SpanMetrics
     from hertzloop.studies.budget.request import BudgetRequest
     from hertzloop.studies.budget.result import BudgetResult
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.sweep.request import SweepRequest
     from hertzloop.studies.tune.request import TuneRequest
     from hertzloop.studies.tune.result import TuneResult
+    from hertzloop.views.comparison import Comparison
 
 __all__ = [
     "BudgetRequest",
@@ -43,7 +43,6 @@ __all__ = [
     "BusError",
     "Comparison",
     "DesignError",
-    "Difference",
     "FitError",
     "FitResult",
     "Impact",
@@ -85,7 +84,7 @@ __all__ = [
 
 # Names that are loaded at their first use, since a script that only simulates needs none of them.
 _NAMES_BY_MODULE = {
-    "results.comparison": ("Comparison", "Difference"),
+    "views.comparison": ("Comparison",),
     "results.span_metrics": ("RunMetrics", "SpanMetrics"),
     "bus.port": ("BusError",),
     "bus.streams": ("StreamFault",),

@@ -30,12 +30,12 @@ if TYPE_CHECKING:
     from hertzloop.bus.messages_pb2 import EnergyBalance as EnergyBalance
     from hertzloop.plant.plant import Balance
     from hertzloop.recordings.recording import Event
-    from hertzloop.results.comparison import Comparison
     from hertzloop.results.metric_rows import MetricRow
     from hertzloop.results.metrics import RunResult
     from hertzloop.results.repeatability import NotRepeatable
     from hertzloop.results.span_metrics import RunMetrics
     from hertzloop.results.verdict import Assessment
+    from hertzloop.views.comparison import Comparison
 
 _LINES = 6  # of a run that is printed
 
@@ -369,10 +369,10 @@ def compare(a: "Run | RunMetrics", b: "Run | RunMetrics") -> "Comparison":
     Returns:
         One row per metric. `print` shows the table of `hertzloop compare --metrics`.
     """
-    from hertzloop.results.comparison import comparison, values_in, without_errors
-    from hertzloop.views.comparison import PrintedComparison
+    from hertzloop.results.metric_rows import comparison, values_in, without_errors
+    from hertzloop.views.comparison import Comparison
 
     left, right = (
         values_in(one.rows) if isinstance(one, Run) else without_errors(one) for one in (a, b)
     )
-    return PrintedComparison(comparison(left, right))
+    return Comparison(comparison(left, right))

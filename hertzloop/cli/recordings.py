@@ -1,6 +1,5 @@
 """Commands on recordings: inspect, compare, replay, repair, report."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -147,9 +146,10 @@ def _compare_metrics(
     left: Recording, right: Recording, json_file: Path | None, details: bool
 ) -> None:
     """Print the metrics of both runs, and their change."""
-    from hertzloop.results.comparison import Comparison, comparison, values_in
     from hertzloop.results.inspection import inspected
-    from hertzloop.views.comparison import comparison_table
+    from hertzloop.results.metric_rows import comparison, values_in
+    from hertzloop.views.comparison import Comparison
+    from hertzloop.views.run_json import rows_as_json
 
     found = []
     for recording in (left, right):
@@ -163,9 +163,9 @@ def _compare_metrics(
             f"{recording.metadata.get('scene', '')}, law {one.law.scene_law}"
         )
     both = Comparison(comparison(*found))
-    out.print(comparison_table(both, details))
+    out.print(both.table(details))
     named = {"a": str(left.path), "b": str(right.path)}
-    outputs.write_json(json_file, {**named, "metrics": list(map(asdict, both.rows))})
+    outputs.write_json(json_file, {**named, "metrics": rows_as_json(both.rows)})
 
 
 def _horizon(recording: Recording, tolerance: float) -> int | None:

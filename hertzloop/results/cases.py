@@ -6,6 +6,7 @@ from enum import StrEnum
 from functools import lru_cache
 from operator import attrgetter
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
@@ -15,10 +16,10 @@ from hertzloop.plant.metrics.fingerprint_kernels import fingerprint
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.truth_kernels import all_finite, first_of
 from hertzloop.results.effects import EffectState, names_by_state
+from hertzloop.results.facts import Level, described, fact, facts_of
 from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of
-from hertzloop.results.metric_fields import described, fields_of, metric
 from hertzloop.results.run_context import RunContext
-from hertzloop.results.span_metrics import SpanMetrics, changes_db, of_impact
+from hertzloop.results.span_metrics import SPAN_FACTS, SpanMetrics, changes_db, of_impact
 from hertzloop.results.spans import Span, follow
 from hertzloop.results.stability import Stability, stability_of
 from hertzloop.results.statistics import extremes_of
@@ -75,6 +76,24 @@ def _impulse_n_s(case: _Case) -> float:
     return float(case.first.contact_n.sum()) * case.setup.run.step_s
 
 
+def _change_of(name: str, shown: bool = False) -> Any:
+    """The fact that is the change of another one against no control, dB."""
+    about = SPAN_FACTS[name]
+    return fact(f"change of the {about.label}, dB", about.label, "dB", about.db,
+                of=f"change.{name}", level=Level.BRIEF if shown else Level.DATA,
+                less_is_better=True)  # fmt: skip
+
+
+def _same(name: str, unit: str = "", factor: float = 1.0) -> Any:
+    """The fact that is one of the span, in another unit."""
+    about = SPAN_FACTS[name]
+    if not unit:
+        return fact(**vars(about) | {"of": f"metrics.{name}", "level": Level.DATA})
+    meaning = f"{about.meaning.rpartition(',')[0]}, {unit}"
+    of = lambda case: factor * getattr(case.metrics, name)  # noqa: E731
+    return fact(meaning, about.label, unit, of=of, less_is_better=about.less_is_better)
+
+
 @described
 @dataclass(frozen=True)
 class CaseMetrics:
@@ -85,64 +104,52 @@ class CaseMetrics:
     """
 
     # fmt: off
-    plate_energy_db: float = metric("change of the plate energy, dB", "plate energy", "dB",
-                                    of="change.plate_energy_j", shown=True)
-    rebound_percent: float = metric(
-        "rebound height over that without control, %",
-        "rebound height", "%", of=_rebound_percent, shown=True, without=100.0)
-    radiated_db: float = metric("change of the study's metric of radiated energy, dB",
-                                "radiated energy", "dB", of="change.radiated_j", shown=True)
-    plate_speed_db: float = metric("change of the largest plate speed, dB", "largest plate speed",
-                                   "dB", of="change.plate_speed_max_m_s", db=20.0, shown=True)
-    pressure_db: float = metric("change of the pressure bound, dB", "pressure bound", "dB",
-                                of="change.peak_pressure_pa", db=20.0, shown=True)
-    longhorn_db: float = metric("change of `longhorn_j` (Longhorn 1952), dB", "Longhorn's energy",
-                                "dB", of="change.longhorn_j")
-    holmes_db: float = metric("change of `holmes_j` (Holmes 1974), dB", "Holmes's energy", "dB",
-                              of="change.holmes_j")
-    plate_energy_j: float = metric("work of contact force and actuator force on the plate, J")
-    injected_j: float = metric("work of the actuator force on the plate, J",
-                               of="run.balance.injected_j")
-    pumps: bool = metric("whether the actuator had at some time added more than the energy of the "
-                         "impact", of="stability.pumps")
-    impact_energy_j: float = metric("energy of the sphere before the impact, J",
-                                    of="run.balance.energy_start_j")
-    rebound_m_s: float = metric("speed of the sphere after the last contact, m/s",
-                                of="metrics.rebound_speed_m_s")
-    rebound_height_mm: float = metric(
-        "height of a sphere after the last contact, by energy, mm", "rebound height", "mm",
-        of=lambda case: 1e3 * case.metrics.rebound_height_m)
-    contact_us: float = metric("duration of the first contact, us",
-                               of=lambda case: 1e6 * case.metrics.contact_time_s)
-    impulse_n_s: float = metric("impulse of the contact force in the first contact, N s",
-                                "impulse of the first contact", "N s", of=_impulse_n_s)
-    contacts: int = metric("number of contacts")
-    peak_force_n: float = metric("largest contact force, N", "largest contact force", "N")
-    delay_us: float = metric("delay that the law latched, us; nan without one",
-                             of=lambda case: latched_us(case.setup, case.run))
-    energy_residual: float = metric("missing part of the energy balance, relative",
-                                    of="run.balance.energy_residual")
-    plate_model: str = metric('"modal" or "infinite"; with this value of run.plate_model, '
-                              "`hertzloop run` gives the same metrics",
-                              of="setup.scene.run.plate_model")
-    leaves_out: str = metric("names of indicators above their threshold "
-                             "(`hertzloop.results.effects`)",
-                             of=lambda case: case.effects.get(EffectState.LEFT_OUT, ""))
-    out_of_range: str = metric("names of indicators beyond the range of the model",
-                               of=lambda case: case.effects.get(EffectState.OUT_OF_RANGE, ""))
-    steps: int = metric("number of simulated steps", of=lambda case: case.run.truth.shape[1])
-    digest: str = metric("digest of all samples and states of these steps",
-                         of=lambda case: digest_of(case.run.truth, case.run.samples))
+    plate_energy_db: float = _change_of("plate_energy_j", shown=True)
+    rebound_percent: float = fact(
+        "rebound height over that without control, %", "rebound height", "%", of=_rebound_percent,
+        level=Level.BRIEF, without=100.0, less_is_better=True)
+    radiated_db: float = _change_of("radiated_j", shown=True)
+    plate_speed_db: float = _change_of("plate_speed_max_m_s", shown=True)
+    pressure_db: float = _change_of("peak_pressure_pa", shown=True)
+    longhorn_db: float = _change_of("longhorn_j")
+    holmes_db: float = _change_of("holmes_j")
+    plate_energy_j: float = _same("plate_energy_j")
+    injected_j: float = fact("work of the actuator force on the plate, J",
+                             of="run.balance.injected_j")
+    pumps: bool = fact("whether the actuator had at some time added more than the energy of the "
+                       "impact", of="stability.pumps")
+    impact_energy_j: float = fact("energy of the sphere before the impact, J",
+                                  of="run.balance.energy_start_j")
+    rebound_m_s: float = _same("rebound_speed_m_s")
+    rebound_height_mm: float = _same("rebound_height_m", "mm", 1e3)
+    contact_us: float = _same("contact_time_s", "us", 1e6)
+    impulse_n_s: float = fact("impulse of the contact force in the first contact, N s",
+                              "impulse of the first contact", "N s", of=_impulse_n_s,
+                              less_is_better=True)
+    contacts: int = _same("contacts")
+    peak_force_n: float = _same("peak_force_n")
+    delay_us: float = fact("delay that the law latched, us; nan without one",
+                           of=lambda case: latched_us(case.setup, case.run))
+    energy_residual: float = fact("missing part of the energy balance, relative",
+                                  of="run.balance.energy_residual")
+    plate_model: str = fact('"modal" or "infinite"; with this value of run.plate_model, '
+                            "`hertzloop run` gives the same metrics",
+                            of="setup.scene.run.plate_model")
+    leaves_out: str = fact("names of indicators above their threshold "
+                           "(`hertzloop.results.effects`)",
+                           of=lambda case: case.effects.get(EffectState.LEFT_OUT, ""))
+    out_of_range: str = fact("names of indicators beyond the range of the model",
+                             of=lambda case: case.effects.get(EffectState.OUT_OF_RANGE, ""))
+    steps: int = fact("number of simulated steps", of=lambda case: case.run.truth.shape[1])
+    digest: str = fact("digest of all samples and states of these steps",
+                       of=lambda case: digest_of(case.run.truth, case.run.samples))
     # fmt: on
 
 
-CASE_METRICS = fields_of(CaseMetrics)
-_TAKEN = [
-    attrgetter(row.of or f"metrics.{name}") if isinstance(row.of, str) else row.of
-    for name, row in CASE_METRICS.items()
-]
-SHOWN = tuple(name for name, row in CASE_METRICS.items() if row.shown)
-OBJECTIVES = tuple(name for name, row in CASE_METRICS.items() if row.words)
+CASE_FACTS = facts_of(CaseMetrics)
+_TAKEN = [attrgetter(one.of) if isinstance(one.of, str) else one.of for one in CASE_FACTS.values()]
+SHOWN = tuple(name for name, one in CASE_FACTS.items() if one.level is Level.BRIEF)
+OBJECTIVES = tuple(name for name, one in CASE_FACTS.items() if one.less_is_better)
 
 
 def digest_of(truth: np.ndarray, samples: np.ndarray) -> str:

@@ -6,32 +6,17 @@ The verdict, tables, JSON, comparisons and the Python interface are made of thes
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
-from hertzloop.results.metric_fields import MetricField
+from hertzloop.results.facts import Fact, Level
 from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.predictability import (
     ImpactErrors,
     Predictability,
-    error_of,
+    errors_of,
     later_impacts_known,
 )
-from hertzloop.results.span_metrics import SPAN_METRICS, decibels
+from hertzloop.results.span_metrics import FACTS, SPAN_FACTS, RunMetrics, SpanName, decibels
 from hertzloop.results.touch_phases import SAME_PHASE, OtherPhases
-
-SpanName = Literal["first_impact", "whole_run"]
-
-# Metrics that the first impact alone has.
-_OF_NOISE = {
-    "transmitted_spectrum_j": MetricField("", "plate energy, by spectrum", "uJ", 1e6, 10.0),
-    "radiated_maidanik_j": MetricField("", "radiated energy to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
-    "sound_maidanik_j": MetricField("", "sound energy to 20 kHz, eq. 3.13", "uJ", 1e6, 10.0),
-}
-METRICS = SPAN_METRICS | _OF_NOISE
-
-# By the structure, not by its modes: no model error.
-_GIVEN = ("contacts", "impact_speed_m_s")
 
 
 @dataclass(frozen=True)
@@ -69,7 +54,7 @@ class MetricRow:
 
     Attributes:
         span: "first_impact" or "whole_run".
-        metric: name of the metric, a key of METRICS.
+        metric: name of the metric, a key of FACTS[span].
         value: value of the run, SI units; nan if it is not defined.
         reference: value of the other run; None without a comparison.
         change: change from the reference to the value, in `unit`; None if it is not defined.
@@ -87,9 +72,19 @@ class MetricRow:
     from_zero: bool = False
 
     @property
-    def field(self) -> MetricField:
+    def field(self) -> Fact:
         """Label, unit and kind of comparison of the metric."""
-        return METRICS[self.metric]
+        return FACTS[self.span][self.metric]
+
+    @property
+    def label(self) -> str:
+        """Label of the metric, with its span if that is not the first impact."""
+        return self.field.label + (", whole run" if self.span == "whole_run" else "")
+
+    @property
+    def level(self) -> Level:
+        """Where the row is shown."""
+        return self.field.whole_run if self.span == "whole_run" else self.field.level
 
     @property
     def size(self) -> float:
@@ -153,16 +148,34 @@ def uncertain_values(
         ("first_impact", noise | first, phases.first_impact),
         ("whole_run", whole, phases.whole_run),
     )
-    certain = later_impacts_known(metrics.impacts, known)
+    certain = later_impacts_known(metrics.by_impact, known)
     found = {}
     for span, values, others in spans:
-        for name in SPAN_METRICS if span == "whole_run" else METRICS:
+        for name, one in FACTS[span].items():
             value = float(values.get(name, math.nan))
-            error = max(_model_error(name, value, values, model_error), error_of(known, span, name))
+            error = _grown_error(known, span, name, one)
+            if model_error is not None and not math.isnan(value):
+                speed = values["impact_speed_m_s"]
+                error = max(one.error(value, model_error, speed), error)
             if name == "contacts" and span == "whole_run" and not certain:
                 error = math.inf
             found[span, name] = uncertain(value, error, (float(each[name]) for each in others))
     return found
+
+
+def values_in(rows: Rows) -> UncertainValues:
+    """Return the values of a run by span and name of the metric."""
+    return {(row.span, row.metric): row.value for row in rows}
+
+
+def without_errors(metrics: RunMetrics) -> UncertainValues:
+    """Return metrics of which no error is known."""
+    return {
+        (span, name): uncertain(float(value))
+        for span in FACTS
+        if (found := getattr(metrics, span)) is not None
+        for name, value in vars(found).items()
+    }
 
 
 def compared(own: UncertainValues, other: UncertainValues) -> list[MetricRow]:
@@ -170,26 +183,35 @@ def compared(own: UncertainValues, other: UncertainValues) -> list[MetricRow]:
     return [_row(*key, value, other[key]) for key, value in own.items() if key in other]
 
 
-def _model_error(
-    name: str, value: float, values: Mapping[str, float], model_error: float | None
+def comparison(a: UncertainValues, b: UncertainValues) -> tuple[MetricRow, ...]:
+    """Compare a run, b, with another, a, in the spans and metrics that both have."""
+    lacking = {
+        span
+        for found in (a, b)
+        for span in FACTS
+        if (span, "contacts") not in found or math.isnan(found[span, "contacts"].value)
+    }
+    rows = compared(b, a)
+    return tuple(row for row in rows if row.metric in SPAN_FACTS and row.span not in lacking)
+
+
+def _grown_error(
+    known: Sequence[ImpactErrors] | None, span: SpanName, name: str, about: Fact
 ) -> float:
-    """Return the error by the truncated modes: that of the rebound is a share of the impact speed,
-    that of other metrics a share of themselves."""
-    if model_error is None or name in _GIVEN or math.isnan(value):
-        return 0.0
-    speed_error = model_error * values["impact_speed_m_s"]
-    if name == "rebound_speed_m_s":
-        return speed_error
-    if name == "rebound_height_m":
-        speed = math.sqrt(2.0 * GRAVITY_M_S2 * max(value, 0.0))
-        return ((speed + speed_error) ** 2 - speed**2) / (2.0 * GRAVITY_M_S2)
-    return model_error * abs(value)
+    """Return the largest absolute error of a metric by what earlier impacts magnify; 0 if all
+    digits are predictable."""
+    each = [errors_of(known, i).get(name, 0.0) for i in range(len(known or ()))]
+    if span == "first_impact" or about.impacts == "first":
+        each = each[:1]
+    elif about.impacts == "last":
+        each = each[-1:]
+    return max(each, default=0.0) if about.impacts == "largest" else sum(each)
 
 
 def _row(span: SpanName, name: str, value: UncertainValue, reference: UncertainValue) -> MetricRow:
     """Compare two values of a metric. The larger of their errors is that of the change: both runs
     lack the same modes, so that their errors do not add up. Both may begin at any touch phase."""
-    field, base = METRICS[name], reference.value
+    field, base = FACTS[span][name], reference.value
     pairs = (
         (value.value, base),
         (value.least, reference.most),

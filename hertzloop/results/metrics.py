@@ -11,7 +11,7 @@ from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.effects import Neglected, neglected
 from hertzloop.results.impacts import impacts_of
-from hertzloop.results.span_metrics import SpanMetrics, of_impact
+from hertzloop.results.span_metrics import SpanMetrics, of_impact, values_of
 from hertzloop.results.stability import Stability, stability_of
 from hertzloop.results.statistics import (
     ActuatorDemand,
@@ -51,6 +51,11 @@ class Metrics:
     demand: ActuatorDemand | None
     push: ForceTiming | None
     neglected: Neglected
+
+    @property
+    def by_impact(self) -> list[dict[str, float]]:
+        """The metrics of each impact by name; see `values_of`."""
+        return values_of(self.impacts, self.noise)
 
 
 @dataclass(frozen=True)

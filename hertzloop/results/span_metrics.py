@@ -1,11 +1,25 @@
 """Metrics of the first impact or of the whole run, and their change in dB."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Literal
 
+from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
+from hertzloop.results.facts import (
+    Fact,
+    Level,
+    described,
+    exact,
+    fact,
+    facts_of,
+    of_height,
+    of_speed,
+)
 from hertzloop.results.impacts import ImpactMetrics
-from hertzloop.results.metric_fields import described, fields_of, metric
+
+BRIEF, DETAILS = Level.BRIEF, Level.DETAILS
 
 
 @described
@@ -18,33 +32,42 @@ class SpanMetrics:
     """
 
     # fmt: off
-    contacts: int = metric("number of contacts", "contacts", difference=True)
-    contact_time_s: float = metric("duration of the first contact, s", "contact time", "us", 1e6)
-    impact_speed_m_s: float = metric("speed of the sphere before the first contact, m/s",
-                                     "impact speed", "m/s")
-    rebound_speed_m_s: float = metric("speed of the sphere after the last contact, m/s",
-                                      "rebound speed", "m/s", difference=True)
-    rebound_height_m: float = metric("height of a sphere after the last contact, by energy, m",
-                                     "rebound height", "mm", 1e3, less_is_better=True)
-    peak_force_n: float = metric("largest contact force, N", "peak contact force", "N",
+    contact_time_s: float = fact("duration of the first contact, s", "contact time", "s",
+                                 level=BRIEF, impacts="first")
+    peak_force_n: float = fact("largest contact force, N", "peak contact force", "N",
+                               level=BRIEF, impacts="largest", less_is_better=True)
+    impact_speed_m_s: float = fact("speed of the sphere before the first contact, m/s",
+                                   "impact speed", "m/s", level=DETAILS, error=exact,
+                                   impacts="first")
+    rebound_speed_m_s: float = fact("speed of the sphere after the last contact, m/s",
+                                    "rebound speed", "m/s", level=BRIEF, error=of_speed,
+                                    impacts="last", difference=True)
+    rebound_height_m: float = fact("height of a sphere after the last contact, by energy, m",
+                                   "rebound height", "m", level=BRIEF, error=of_height,
+                                   impacts="last", less_is_better=True)
+    plate_energy_j: float = fact("work of contact force and actuator force on the plate, J",
+                                 "plate energy", "J", 10.0, level=BRIEF, whole_run=BRIEF,
                                  less_is_better=True)
-    plate_energy_j: float = metric("work of contact force and actuator force on the plate, J",
-                                   "plate energy", "uJ", 1e6, db=10.0, less_is_better=True)
-    plate_speed_max_m_s: float = metric("largest plate speed at the contact point, m/s",
-                                        "largest plate speed", "m/s", db=20.0,
-                                        less_is_better=True)
-    radiated_j: float = metric("radiated energy by the study, sum of sigma E up to 20 kHz, J",
-                               "radiated energy to 20 kHz", "uJ", 1e6, db=10.0,
-                               less_is_better=True)
-    sound_j: float = metric("energy that the plate radiates until rest, up to 20 kHz, J",
-                            "sound energy to 20 kHz, eq. 3.12", "uJ", 1e6, db=10.0)
-    longhorn_j: float = metric("acceleration noise energy (Longhorn 1952), J",
-                               "acceleration noise, Longhorn", "uJ", 1e6, db=10.0)
-    holmes_j: float = metric("acceleration noise energy (Holmes 1974), J",
-                             "acceleration noise, Holmes", "uJ", 1e6, db=10.0)
-    peak_pressure_pa: float = metric("bound of the sound pressure at 1 m, Pa",
-                                     "pressure bound at 1 m", "Pa", db=20.0,
-                                     less_is_better=True)
+    radiated_j: float = fact("radiated energy by the study, sum of sigma E up to 20 kHz, J",
+                             "radiated energy to 20 kHz", "J", 10.0, level=BRIEF,
+                             less_is_better=True)
+    plate_speed_max_m_s: float = fact("largest plate speed at the contact point, m/s",
+                                      "largest plate speed", "m/s", 20.0, level=BRIEF,
+                                      impacts="largest", less_is_better=True)
+    peak_pressure_pa: float = fact("bound of the sound pressure at 1 m, Pa",
+                                   "pressure bound at 1 m", "Pa", 20.0, level=BRIEF,
+                                   impacts="largest", less_is_better=True)
+    sound_j: float = fact("energy that the plate radiates until rest, up to 20 kHz, J",
+                          "sound energy to 20 kHz, eq. 3.12", "J", 10.0, level=DETAILS)
+    longhorn_j: float = fact("acceleration noise energy (Longhorn 1952), J",
+                             "acceleration noise, Longhorn", "J", 10.0, level=DETAILS,
+                             impacts="last")
+    holmes_j: float = fact("acceleration noise energy (Holmes 1974), J",
+                           "acceleration noise, Holmes", "J", 10.0, level=DETAILS,
+                           impacts="first")
+    contacts: int = fact("number of contacts", "contacts", whole_run=BRIEF, error=exact,
+                         difference=True)
+    # fmt: on
 
 
 @dataclass(frozen=True)
@@ -62,12 +85,33 @@ class RunMetrics:
 
 MUCH_DB = 0.5  # between the change in the first impact and that over all contacts
 
-SPAN_METRICS = fields_of(SpanMetrics)
+SPAN_FACTS = facts_of(SpanMetrics)
+# Of the noise of the first impact alone.
+_NOISE_FACTS = {
+    name: Fact("", label, "J", 10.0, level=DETAILS)
+    for name, label in {
+        "transmitted_spectrum_j": "plate energy, by spectrum",
+        "radiated_maidanik_j": "radiated energy to 20 kHz, eq. 3.13",
+        "sound_maidanik_j": "sound energy to 20 kHz, eq. 3.13",
+    }.items()
+}
+SpanName = Literal["first_impact", "whole_run"]
+FACTS: dict[SpanName, dict[str, Fact]] = {
+    "first_impact": SPAN_FACTS | _NOISE_FACTS,
+    "whole_run": SPAN_FACTS,
+}
 
-# Factor of the logarithm of a ratio: of energies, and of amplitudes.
-DECIBELS = {name: row.db for name, row in SPAN_METRICS.items() if row.db}
+_SHARED = {f.name for f in fields(ImpactNoise)} & {*SPAN_FACTS}
 
-_SHARED = {f.name for f in fields(ImpactNoise)} & {*SPAN_METRICS}
+
+Values = dict[str, float]
+
+
+def values_of(impacts: Sequence[Impact], noise: Sequence[ImpactNoise] = ()) -> list[Values]:
+    """Return the metrics of impacts by name; where both kinds have one, that of the noise, which
+    is over the whole impact and not over its contact alone."""
+    sounds = map(vars, noise) if noise else [{}] * len(impacts)
+    return [vars(impact) | sound for impact, sound in zip(impacts, sounds, strict=True)]
 
 
 def of_impact(found: ImpactMetrics) -> SpanMetrics:
@@ -94,7 +138,11 @@ def decibels(value: float, reference: float, factor: float = 10.0) -> float:
 def changes_db(value: SpanMetrics, reference: SpanMetrics) -> dict[str, float]:
     """By how many dB energies (10 lg) and amplitudes (20 lg) differ, by the metrics' names."""
     ours, theirs = vars(value), vars(reference)
-    return {name: decibels(ours[name], theirs[name], by) for name, by in DECIBELS.items()}
+    return {
+        name: decibels(ours[name], theirs[name], one.db)
+        for name, one in SPAN_FACTS.items()
+        if one.db
+    }
 
 
 def change_db(

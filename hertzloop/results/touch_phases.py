@@ -98,7 +98,7 @@ def at_other_phases(setup: Setup, result: RunResult, known: Predictability) -> O
     whole = (
         result.complete
         and metrics.whole_run is not None
-        and later_impacts_known(metrics.impacts, known.controlled)
+        and later_impacts_known(metrics.by_impact, known.controlled)
         and work * len(others) <= _MOST_WORK
     )
     try:

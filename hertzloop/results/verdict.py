@@ -247,7 +247,7 @@ def _later_contacts(result: RunResult, free: Metrics, known: Predictability) -> 
         return LaterContacts.UNKNOWN
     wrong = 0.0
     for metrics, errors in ((ours, known.controlled), (theirs, known.uncontrolled)):
-        if not later_impacts_known(metrics.impacts, errors):
+        if not later_impacts_known(metrics.by_impact, errors):
             return LaterContacts.UNPREDICTABLE
         each = [impact.plate_energy_j for impact in metrics.impacts]
         lost = sum(errors_of(errors, i).get("plate_energy_j", 0.0) for i in range(len(each)))

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable
 
 from hertzloop.common.readable import PREFIXES
-from hertzloop.results.metric_fields import MetricField
 from hertzloop.results.metric_rows import MetricRow, UncertainValue
 
 UNKNOWN = "unknown"  # in the place of a number without a predictable digit
@@ -13,7 +12,7 @@ LEGEND = f"{UNKNOWN}: not predictable"
 
 RANGE = "Ranges: contact may begin at any part of a step"
 
-_SI = {"us": "s", "uJ": "J", "mm": "m", "N": "N", "Pa": "Pa"}  # units that take prefixes
+_SCALED = ("s", "J", "m", "N", "Pa")  # units that take prefixes
 _PLAIN = 7  # digits before the decimal point that are written without an exponent
 
 
@@ -58,21 +57,15 @@ def about(value: float, digits: int = 2, sign: str = "") -> str:
     return f"about {rounded:{sign},.0f}" if plain else f"about {rounded:{sign}.{digits}g}"
 
 
-def energy_unit(energies_j: Iterable[float]) -> tuple[float, str]:
-    """Return the factor from J and the unit in which four digits of energies need no exponent."""
-    large = max((abs(energy) for energy in energies_j), default=0.0) >= 1e-2
-    return (1e3, "mJ") if large else (1e6, "uJ")
-
-
-def shown_unit(field: MetricField, values: Iterable[float]) -> tuple[float, str]:
+def shown_unit(unit: str, values: Iterable[float]) -> tuple[float, str]:
     """Return the factor and the unit in which the largest value has one to three digits before
     the decimal point."""
     largest = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
-    if field.unit not in _SI or largest == 0.0:
-        return field.factor, field.unit
+    if unit not in _SCALED or largest == 0.0:
+        return 1.0, unit
     power = 3 * math.floor(math.log10(largest * (1.0 + 1e-3)) / 3.0)
     power = min(max(power, min(PREFIXES)), max(PREFIXES))
-    return 10.0**-power, f"{PREFIXES[power]}{_SI[field.unit]}"
+    return 10.0**-power, f"{PREFIXES[power]}{unit}"
 
 
 def uncertain_text(
@@ -124,7 +117,7 @@ def value_texts(row: MetricRow, without: str = "-") -> list[str]:
         without: Text in the place of what is not defined.
     """
     values = [row.value, *([row.reference] if row.reference else [])]
-    factor, unit = shown_unit(row.field, (each.value for each in values))
+    factor, unit = shown_unit(row.field.unit, (each.value for each in values))
     form = ".0f" if row.metric == "contacts" else ".4g"
     largest = max((abs(each.value) * factor for each in values), default=0.0)
     texts = [

@@ -2,34 +2,45 @@
 
 from collections.abc import Sequence
 
-from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.results.predictability import ImpactErrors, errors_of
-from hertzloop.views.digits import LEGEND, UNKNOWN, about, energy_unit, known_digits
+from hertzloop.results.span_metrics import SPAN_FACTS, Values
+from hertzloop.views.digits import LEGEND, UNKNOWN, about, known_digits
 from hertzloop.views.format import Table
 
 _SHOWN = 12  # impacts in a table; --json has them all
 
-# Heading, key, factor and usual format.
+# Label, key, factor, unit and usual format. Labels are those of the first impact.
 _COLUMNS = (
-    ("start (ms)", "start_s", 1e3, ".4f"),
-    ("duration (us)", "duration_s", 1e6, ".2f"),
-    ("impact (m/s)", "impact_speed_m_s", 1.0, ".4f"),
-    ("rebound (m/s)", "rebound_speed_m_s", 1.0, ".4f"),
-    ("peak force (N)", "peak_force_n", 1.0, ".4g"),
-    ("plate energy ({unit})", "plate_energy_j", 0.0, ".4g"),  # factor: see `energy_unit`
-    ("plate speed (m/s)", "plate_speed_max_m_s", 1.0, ".4g"),
+    ("start", "start_s", 1e3, "ms", ".4f"),
+    *(
+        (SPAN_FACTS[name].label, key, factor, unit, form)
+        for name, key, factor, unit, form in (
+            ("contact_time_s", "duration_s", 1e6, "us", ".2f"),
+            ("impact_speed_m_s", "impact_speed_m_s", 1.0, "m/s", ".4f"),
+            ("rebound_speed_m_s", "rebound_speed_m_s", 1.0, "m/s", ".4f"),
+            ("peak_force_n", "peak_force_n", 1.0, "N", ".4g"),
+            ("plate_energy_j", "plate_energy_j", 1e6, "uJ", ".4g"),
+            ("plate_speed_max_m_s", "plate_speed_max_m_s", 1.0, "m/s", ".4g"),
+        )
+    ),
 )
 
 
-def impact_headings(impacts: Sequence[Impact]) -> list[str]:
+def impact_headings(impacts: Sequence[Values]) -> list[str]:
     """Return the headings of the columns, with the unit that suits the energies."""
-    _, unit = energy_unit(impact.plate_energy_j for impact in impacts[:_SHOWN])
-    return [heading.format(unit=unit) for heading, *_ in _COLUMNS]
+    _, energy = _energy_unit(impacts)
+    return [f"{label} ({energy if unit == 'uJ' else unit})" for label, _, _, unit, _ in _COLUMNS]
+
+
+def _energy_unit(impacts: Sequence[Values]) -> tuple[float, str]:
+    """Return the factor from J and the unit in which four digits of energies need no exponent."""
+    large = max((abs(one["plate_energy_j"]) for one in impacts[:_SHOWN]), default=0.0) >= 1e-2
+    return (1e3, "mJ") if large else (1e6, "uJ")
 
 
 def impacts_table(
     title: str,
-    impacts: Sequence[Impact],
+    impacts: Sequence[Values],
     known: Sequence[ImpactErrors] | None = None,
     why_not: str = "",
 ) -> Table:
@@ -43,29 +54,26 @@ def impacts_table(
 
 
 def impact_rows(
-    impacts: Sequence[Impact], digits: Sequence[ImpactErrors] | None = None, why_not: str = ""
+    impacts: Sequence[Values], digits: Sequence[ImpactErrors] | None = None, why_not: str = ""
 ) -> tuple[list[list[str]], list[str]]:
     """Return the rows of the table, without headings, and notes on them.
 
     Impacts without a predictable digit have no rows.
 
     Args:
-        impacts: The impacts.
+        impacts: The metrics of each impact, as `values_of` has them.
         digits: Errors of each impact, which decide the digits that are printed.
         why_not: Why the errors are unknown, if they are; it follows "since".
     """
     rows: list[list[str]] = []
     notes: list[str] = []
-    to_unit, _ = energy_unit(impact.plate_energy_j for impact in impacts[:_SHOWN])
+    energy_factor, _ = _energy_unit(impacts)
+    factors = [energy_factor if unit == "uJ" else factor for _, _, factor, unit, _ in _COLUMNS]
     for i, impact in enumerate(impacts[:_SHOWN]):
         errors = errors_of(digits, i)
         cells = [
-            known_digits(
-                getattr(impact, key) * (factor or to_unit),
-                form,
-                errors.get(key, 0.0) * (factor or to_unit),
-            )
-            for _, key, factor, form in _COLUMNS
+            known_digits(impact[key] * factor, form, errors.get(key, 0.0) * factor)
+            for (_, key, *_, form), factor in zip(_COLUMNS, factors, strict=True)
         ]
         if all(cell == UNKNOWN for cell in cells):
             notes.append(f"impacts from number {i + 1} on are not predictable")

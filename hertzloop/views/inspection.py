@@ -72,7 +72,7 @@ def _details(found: Inspected) -> list[Text | Table]:
     else:
         metrics, known = assessed.result.metrics, assessed.predictability
         why_not = why_not_words(known.not_repeatable)
-        pieces.append(impacts_table("Impacts", metrics.impacts, known.controlled, why_not))
+        pieces.append(impacts_table("Impacts", metrics.by_impact, known.controlled, why_not))
         if metrics.noise:
             pieces.append(metrics_table(assessed.result, assessed.rows, details=True))
         if metrics.demand:

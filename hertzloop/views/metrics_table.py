@@ -4,7 +4,8 @@ import math
 from collections.abc import Iterable, Sequence
 
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.results.metric_rows import MetricRow, Rows, SpanName, row_of
+from hertzloop.results.facts import Level
+from hertzloop.results.metric_rows import MetricRow, Rows
 from hertzloop.results.metrics import RunResult
 from hertzloop.views.digits import (
     LEGEND,
@@ -16,37 +17,17 @@ from hertzloop.views.digits import (
 )
 from hertzloop.views.format import Table
 
-# Metrics that run, inspect and compare print without --details.
-_SHOWN: tuple[tuple[SpanName, str], ...] = (
-    ("first_impact", "contact_time_s"),
-    ("first_impact", "peak_force_n"),
-    ("first_impact", "rebound_speed_m_s"),
-    ("first_impact", "rebound_height_m"),
-    ("first_impact", "plate_energy_j"),
-    ("first_impact", "radiated_j"),
-    ("first_impact", "plate_speed_max_m_s"),
-    ("first_impact", "peak_pressure_pa"),
-    ("whole_run", "plate_energy_j"),
-    ("whole_run", "contacts"),
-)
 NO_RADIATION = "radiated energy: known for simply supported plates with modes that can be summed"
 
 
 def shown_rows(rows: Rows) -> list[MetricRow]:
-    """Return the rows that are printed without --details, in their order."""
-    found = (row_of(rows, span, name) for span, name in _SHOWN)
-    return [row for row in found if row is not None]
-
-
-def label_of(row: MetricRow) -> str:
-    """Return the label of a metric, with its span if that is not the first impact."""
-    return row.field.words + (", whole run" if row.span == "whole_run" else "")
+    """Return the rows that are printed without --details."""
+    return [row for row in rows if row.level is Level.BRIEF]
 
 
 def further_rows(rows: Rows) -> list[MetricRow]:
-    """Return the other rows of the first impact, which --details adds."""
-    shown = {name for span, name in _SHOWN if span == "first_impact"} | {"contacts"}
-    return [row for row in rows if row.span == "first_impact" and row.metric not in shown]
+    """Return the rows that --details adds."""
+    return [row for row in rows if row.level is Level.DETAILS]
 
 
 def metrics_table(result: RunResult, rows: Rows, details: bool = False) -> Table:
@@ -101,7 +82,7 @@ def cells_of(
     values = value_texts(row, UNKNOWN if lost else "-")
     if reference_first:
         values.reverse()
-    return [label_of(row), *values, *([change_text(row)] if compare else [])]
+    return [row.label, *values, *([change_text(row)] if compare else [])]
 
 
 def notes_on(rows: Iterable[MetricRow]) -> list[str]:

@@ -107,11 +107,11 @@ def _details(report: RunReport) -> list[Text | Table]:
     result, known = ends.result, ends.predictability
     found, free = result.metrics, report.assessed.free
     if result.scene_law == NO_CONTROL or free is None:
-        tables = [impacts_table("Impacts, no control", found.impacts, known.controlled)]
+        tables = [impacts_table("Impacts, no control", found.by_impact, known.controlled)]
     else:
         tables = [
-            impacts_table("Impacts with control", found.impacts, known.controlled),
-            impacts_table("The same without control", free.impacts, known.uncontrolled),
+            impacts_table("Impacts with control", found.by_impact, known.controlled),
+            impacts_table("The same without control", free.by_impact, known.uncontrolled),
         ]
     if found.noise:
         tables.append(metrics_table(result, ends.rows, details=True))

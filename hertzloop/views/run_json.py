@@ -15,7 +15,6 @@ from hertzloop.results.verification import Verification
 from hertzloop.views.details import facts_as_json
 from hertzloop.views.effects import out_of_range
 from hertzloop.views.law_line import why_not_words
-from hertzloop.views.metrics_table import label_of
 from hertzloop.views.verdict import verdict_sentences
 
 
@@ -78,7 +77,7 @@ def verification_as_json(found: Verification) -> dict[str, Any]:
 
 def rows_as_json(found: Iterable[MetricRow]) -> list[dict[str, Any]]:
     """Return the fields of each `MetricRow`, with the label that is printed."""
-    return [{"label": label_of(row), **asdict(row)} for row in found]
+    return [{"label": row.label, **asdict(row)} for row in found]
 
 
 def out_of_range_as_json(found: verdicts.Assessment | None) -> list[str]:

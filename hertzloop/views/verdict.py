@@ -161,8 +161,8 @@ def _change_words(row: MetricRow) -> str:
     """Return the name of a metric and its change, as in the table."""
     if row.from_zero:
         own, without = value_texts(row)
-        return f"{row.field.words} {own} instead of {without}"
-    return f"{row.field.words} {change_text(row)}"
+        return f"{row.label} {own} instead of {without}"
+    return f"{row.label} {change_text(row)}"
 
 
 def _reasons(found: verdicts.Reasons) -> list[str]:

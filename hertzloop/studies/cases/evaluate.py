@@ -6,7 +6,7 @@ from functools import lru_cache
 
 from hertzloop.loop.simulate import LawStopped
 from hertzloop.results.cases import (
-    CASE_METRICS,
+    CASE_FACTS,
     CaseFailed,
     CaseState,
     UnstableLoop,
@@ -59,7 +59,7 @@ def run_case(setup: Setup, span: Span, number: int, values: Case) -> Row:
         return row | vars(metrics) | {"status": "", "state": CaseState.METRICS.value}
     except Exception as error:  # one case must not end the others
         status = str(error) if isinstance(error, SceneError) else f"failed: {error!r}"
-        return row | dict.fromkeys(CASE_METRICS) | {"status": status, "state": _state(error).value}
+        return row | dict.fromkeys(CASE_FACTS) | {"status": status, "state": _state(error).value}
 
 
 def _state(error: Exception) -> CaseState:

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.common.atomic_files import whole_file
-from hertzloop.results.cases import CASE_METRICS
+from hertzloop.results.cases import CASE_FACTS
 from hertzloop.scene.keys import unit_of
 
-METRICS = {name: f"{row.words} ({row.unit})" for name, row in CASE_METRICS.items() if row.words}
+METRICS = {name: f"{row.label} ({row.unit})" for name, row in CASE_FACTS.items() if row.unit}
 AXES = {
     "sensors.bits": "bits of the sensor",
     "sensors.every_steps": "sampling period (steps)",
@@ -24,7 +24,7 @@ AXES = {
 def against_none(metric: str) -> str:
     """A metric of a case, as an axis of its own: most are against no control."""
     words = METRICS.get(metric, metric.replace("_", " "))
-    if metric in CASE_METRICS and CASE_METRICS[metric].unit not in ("dB", "%"):
+    if metric in CASE_FACTS and CASE_FACTS[metric].unit not in ("dB", "%"):
         return words
     name, _, unit = words.partition(" (")
     return f"{name} against no control ({unit}" if unit else name

@@ -85,8 +85,8 @@ def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
     tables = [ResultTable("First impact", columns, rows, "; ".join(notes_on(shown)))]
     for name, run, each in zip(names, runs, digits, strict=True):
         why_not = why_not_words(known.not_repeatable) if run is runs[0] else ""
-        rows, notes = impact_rows(run.impacts, each, why_not)
+        rows, notes = impact_rows(run.by_impact, each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
-        headings = ["impact", *impact_headings(run.impacts)]
+        headings = ["impact", *impact_headings(run.by_impact)]
         tables.append(ResultTable(f"Impacts, {name}", headings, numbered, "; ".join(notes)))
     return tables

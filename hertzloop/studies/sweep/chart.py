@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from hertzloop.results.cases import CASE_METRICS, SHOWN
+from hertzloop.results.cases import CASE_FACTS, SHOWN
 from hertzloop.studies.cases.rows import Rows, with_metric
 from hertzloop.studies.pages import pictures, words
 
@@ -40,7 +40,7 @@ def _over_keys(rows: Rows, metrics: list[str], keys: list[str]) -> Figure:
         for column, key in enumerate(keys):
             ax = axes[line, column]
             _draw(ax, rows, key, metric)
-            ax.axhline(CASE_METRICS[metric].without, color="#7F7F7F", linewidth=1.0, linestyle="--")
+            ax.axhline(CASE_FACTS[metric].without, color="#7F7F7F", linewidth=1.0, linestyle="--")
             if not column:
                 name, _, unit = words.against_none(metric).partition(" against no control ")
                 ax.set_ylabel(f"{name} {unit}")
@@ -93,7 +93,7 @@ def _maps(rows: Rows, metrics: list[str], x: str, y: str) -> Figure:
         z = np.full((len(up), len(across)), np.nan)
         for row in with_metric(rows, metric):
             z[up.index(row[y]), across.index(row[x])] = row[metric]
-        z -= CASE_METRICS[metric].without
+        z -= CASE_FACTS[metric].without
         largest = float(np.nanmax(np.abs(z)))
         reach = pictures.round_above(largest) if largest > 0.0 else 1.0
         ax.set_facecolor("#b8b8b8")
@@ -109,7 +109,7 @@ def _maps(rows: Rows, metrics: list[str], x: str, y: str) -> Figure:
         )
         ax.grid(False)
         name, _, unit = words.against_none(metric).partition(" against no control ")
-        unit = "points" if CASE_METRICS[metric].without else unit.strip("()")
+        unit = "points" if CASE_FACTS[metric].without else unit.strip("()")
         sheet.colorbar(shown, ax=ax, label=f"change ({unit})", ticks=np.linspace(-reach, reach, 5))
         ax.set(title=name, xlabel=words.key_words(x), ylabel=words.key_words(y))
     return sheet

@@ -12,7 +12,7 @@ import pyarrow.parquet
 
 from hertzloop.common.atomic_files import atomic_write, whole_file
 from hertzloop.common.missing_files import why_unreadable
-from hertzloop.results.cases import CASE_METRICS
+from hertzloop.results.cases import CASE_FACTS
 from hertzloop.scene.toml import toml_text, toml_value
 from hertzloop.studies.cases.design import keys_of
 
@@ -105,11 +105,11 @@ def read_results(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
             header = json.loads(_beside(path).read_text(encoding="utf-8"))
         keys = keys_of(header["design"])
         needed = ["case", *keys, "status", "state"]
-        names = dict.fromkeys([*needed, *CASE_METRICS, "growth_per_s"])
-        if not {*CASE_METRICS} & {*table.column_names}:
+        names = dict.fromkeys([*needed, *CASE_FACTS, "growth_per_s"])
+        if not {*CASE_FACTS} & {*table.column_names}:
             raise KeyError("column of metrics")
         # An earlier version may lack a metric.
-        later = {*CASE_METRICS} - {*table.column_names}
+        later = {*CASE_FACTS} - {*table.column_names}
         columns = [name for name in names if name in table.column_names or name in needed]
         rows = [dict.fromkeys(later) | row for row in table.select(columns).to_pylist()]
         for name in ("scene_toml", "span", "versions"):

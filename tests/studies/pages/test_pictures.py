@@ -23,7 +23,7 @@ def test_a_front_is_labelled_in_words_beside_its_points():
     figure.draw_without_rendering()
     (ax,) = figure.axes
     assert ax.get_xlabel() == "plate energy against no control (dB)"
-    assert ax.get_ylabel() == "largest contact force (N)"
+    assert ax.get_ylabel() == "peak contact force (N)"
     assert ax.get_legend() is None
     (legend,) = figure.legends
     assert [text.get_text() for text in legend.get_texts()] == [

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hertzloop.results.cases import CASE_METRICS, CaseState
+from hertzloop.results.cases import CASE_FACTS, CaseState
 from hertzloop.results.spans import Span
 from hertzloop.results.touch_phases import phases as spread_evenly
 from hertzloop.scene import model_error
@@ -66,7 +66,7 @@ def digits_of(setup: Setup, metric: str, value: float) -> float:
     the plate's model makes of it, at least the accuracy of the scene."""
     error = max(setup.run.accuracy, model_error.expected_error(setup))
     if metric.endswith("_db"):
-        return (CASE_METRICS[metric].db or 10.0) * math.log10(1.0 + error)
+        return (CASE_FACTS[metric].db or 10.0) * math.log10(1.0 + error)
     return 2.0 * error * abs(value)
 
 
