@@ -300,9 +300,9 @@ def read(recording: str | Path) -> Run:
     """
     from hertzloop.recordings.reader import read as read_recording
     from hertzloop.recordings.writer import RecordingError
+    from hertzloop.results.inspection import recorded_result
     from hertzloop.results.metrics import metrics_of
     from hertzloop.results.recorded import law_of, pacing_of, truth_of
-    from hertzloop.results.recorded_result import recorded_result
     from hertzloop.results.repeatability import why_not_repeatable
     from hertzloop.views.run_json import pacing_as_json
 

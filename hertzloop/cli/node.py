@@ -123,8 +123,7 @@ def _duration(duration_s: float) -> str:
 
 def _print_recorded(path: Path) -> None:
     """Print what a recording has, its verdict, and the next command."""
-    from hertzloop.results.metrics import free_metrics
-    from hertzloop.results.verdict import assess_recording
+    from hertzloop.results.inspection import inspected
     from hertzloop.views.run import next_lines
     from hertzloop.views.verdict import verdict_sentences
 
@@ -134,9 +133,8 @@ def _print_recorded(path: Path) -> None:
     try:
         setup = parse(recording.scene_toml, recorded=True)
         prepare.compile_first(setup, works=CASES)
-        verdict = verdict_sentences(
-            assess_recording(setup, recording, free_metrics(setup)).assessment
-        )
+        found = inspected(recording, against_none=True, setup=setup)
+        verdict = verdict_sentences(found.assessment) if found.assessment else found.problems
     except SceneError as error:
         verdict = [f"No verdict, as the run cannot be assessed on this computer: {error}"]
     for sentence in verdict:

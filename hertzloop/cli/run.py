@@ -29,8 +29,7 @@ from hertzloop.processes.launcher import Launcher
 from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
 from hertzloop.processes.record import what_is_kept
 from hertzloop.recordings.reader import read
-from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.results.run_report import RunReport
+from hertzloop.results.assessed_run import RunReport, run_and_assess
 from hertzloop.results.verification import check_verifiable
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import DEFAULT

@@ -1,20 +1,22 @@
 """Run and record a scene, then assess the run against the same run without control."""
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.launcher import Launcher
 from hertzloop.processes.record import Progress, record, unseen
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.metrics import free_metrics
+from hertzloop.results.inspection import Inspected, inspected
 from hertzloop.results.recorded import truth_of
-from hertzloop.results.run_report import RunReport
-from hertzloop.results.verdict import assess_recording
-from hertzloop.results.verification import verify
+from hertzloop.results.verdict import Assessment
+from hertzloop.results.verification import Verification, verify
 from hertzloop.scene.setup import Setup
 
 
@@ -22,6 +24,51 @@ class RecordingRemoved(RecordingError):
     """The recording of a run that has ended is gone."""
 
     exit_status = 1
+
+
+@dataclass(frozen=True)
+class RunReport:
+    """A recorded run with its assessment.
+
+    Attributes:
+        setup: the setup of the run.
+        inspected: the recording, as read after the run, with its metrics.
+        assessment: the metrics of the run, and what they show.
+        balance: energy and momentum balance at the end of the run.
+        transport: name of the transport.
+        wall_s: wall time of the loop, s.
+        exchanges: number of exchanges between plant and controller.
+        lane: why the exchanges used the fast lane or the bus; empty without processes.
+        realtime: real-time profile of the processes; empty without one.
+        busy_s: wall time in which each role worked, by its name, s; empty without processes. A
+            program of the user's does not report its time.
+        waited_s: wall time in which the plant waited for the others or the clock, s.
+        repeats: the recording that this run repeats, if any.
+        differs: first difference from that recording; empty if the bytes are equal.
+        verifies: whether a verification was requested.
+        verification: its result; None if no impact ends within the run.
+    """
+
+    setup: Setup
+    inspected: Inspected
+    assessment: Assessment
+    balance: EnergyBalance
+    transport: str
+    wall_s: float
+    exchanges: int
+    lane: str = ""
+    realtime: str = ""
+    busy_s: Mapping[str, float] = field(default_factory=dict)
+    waited_s: float = 0.0
+    repeats: Path | None = None
+    differs: str | None = None
+    verifies: bool = False
+    verification: Verification | None = None
+
+    @property
+    def expects(self) -> tuple[float | None, float]:
+        """The expected error and the requested one, relative."""
+        return self.assessment.result.expected_error, self.setup.run.accuracy
 
 
 def run_and_assess(
@@ -64,12 +111,15 @@ def run_and_assess(
         verification = verify(setup, truth_of(recorded))
     if options.repeat:
         differs = first_difference(read(options.repeat), recorded)
+    found = inspected(recorded, against_none=True, setup=setup, most_work=math.inf)
+    if found.assessment is None:
+        raise RecordingError(f"{recording}: {found.problems[-1]}")
     balance = recorded.balance
     assert balance is not None  # a recording without one has a problem
     return RunReport(
         setup=setup,
-        recording=recorded,
-        assessed=assess_recording(setup, recorded, free_metrics(setup)),
+        inspected=found,
+        assessment=found.assessment,
         balance=balance,
         transport=options.transport.value,
         wall_s=stats["wall_s"],

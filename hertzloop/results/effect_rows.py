@@ -56,19 +56,19 @@ class EffectRow(NamedTuple):
 
 
 def _first_yield_pa(f: RunContext) -> float:
-    return f.static.weaker[1].first_yield_pa if f.static.weaker else math.nan
+    return f.weaker[1].first_yield_pa if f.weaker else math.nan
 
 
 def _fully_plastic(f: RunContext) -> float:
     """Centre pressure over that of first yield, where the mean pressure is the hardness."""
-    weaker = f.static.weaker
+    weaker = f.weaker
     return 1.5 * weaker[1].pressure_pa / weaker[1].first_yield_pa if weaker else math.nan
 
 
 def _yields(f: RunContext, x: float) -> str:
-    if f.static.weaker is None or math.isnan(x):
+    if f.weaker is None or math.isnan(x):
         return "when the plate yields is not known: give plate.material.yield_pa or hardness_pa"
-    body, strength = f.static.weaker
+    body, strength = f.weaker
     words = (
         f"the {body} yields: mean pressure {pressure(f.pressure_pa)}, "
         f"{pressure(1.5 * f.pressure_pa)} in the centre, where yield begins at "
@@ -161,13 +161,6 @@ def _flight(f: RunContext) -> float | None:
     return flight_m / limits[1] if limits[1] > 0.0 else math.inf
 
 
-def _damped_residual(f: RunContext) -> float | None:
-    damper, run = f.spec.contact.hunt_crossley_s_m, f.run
-    if not damper:
-        return None
-    return criteria.residual_share(damper, f.static.flexibility_m_n, run.force_n, run.contact_s)
-
-
 ROWS = (
     EffectRow(
         "yield", "p_0 / (1.6 Y), p_0 = 3 F/(2 pi a^2)", 1.0, _fully_plastic,
@@ -196,7 +189,7 @@ ROWS = (
     ),
     EffectRow(
         "plate theory (energy)", "0.085 (k h)^2 at 1/T, where lambda < 1", None, 0.1,
-        lambda f: f.thin_plate.plate_energy if f.static.zener < _TAKES_ALL else None,
+        lambda f: f.thin_plate.plate_energy if f.zener < _TAKES_ALL else None,
         lambda f, x: (
             "the waves are short against the plate thickness, k h = "
             f"{thickness_number(f.spec.local_plate, f.run.contact_s):.2g} at 1/T: Kirchhoff's "
@@ -233,16 +226,6 @@ ROWS = (
             "mass behind Hertz's spring does not have"
         ),
         "contact lasts {x:.2g} vibration periods of the sphere", falls=True,
-    ),
-    EffectRow(
-        "thickness resonance", "T c_T/(2 h)", 3.0, 1.0,
-        lambda f: f.thickness_periods,
-        lambda f, x: (
-            f"the plate is too thick for thin-plate theory: the contact lasts {x:.2g} periods of "
-            "the first resonance through the thickness"
-        ),
-        "contact lasts {x:.2g} periods through the thickness",
-        falls=True, of_plate=True,
     ),
     EffectRow(
         "reflections", "time after the touch / first return", 1.0, 10.0,
@@ -285,7 +268,7 @@ ROWS = (
     ),
     EffectRow(
         "air on the modes", "rho0 c/(omega m'' eta), one face", 0.1, math.nan,
-        lambda f: f.static.air_share,
+        lambda f: f.air_share,
         lambda f, x: (
             "how much air damps the modes is computed for thin plates only" if math.isnan(x) else
             f"air damps the modes above coincidence {x:.2g} times as much as the plate itself "
@@ -295,16 +278,12 @@ ROWS = (
         "air damping is {x:.2g} times plate damping", "plate.loss_factor",
     ),
     EffectRow(
-        "squeezed air film", "6 pi mu R^2 ln(R/1e-7 m) v/(m v^2/2)", 1e-3, 0.1,
-        lambda f: f.static.squeezed_film,
-        lambda f, x: f"the film of air below the sphere takes {percent(x)} of its energy",
-        "air film takes {p} of the energy",
-    ),
-    EffectRow(
-        "drag on the drop", "3/8 C_D rho0 H/(rho_s R)", 1e-3, 0.1,
-        lambda f: f.static.drag,
-        lambda f, x: f"drag takes {percent(x)} of the energy of the fall",
-        "drag takes {p} of the fall energy",
+        "air around the sphere", "film: 6 pi mu R^2 ln(R/1e-7 m) v/(m v^2/2), drag: 3/8 C_D rho0 H/"
+        "(rho_s R)", 1e-3, 0.1,
+        lambda f: criteria.squeezed_film(f.spec.sphere) + criteria.drag_on_the_drop(f.spec.sphere),
+        lambda f, x: f"drag in the fall and the film of air below the sphere take {percent(x)} of "
+        "its energy",
+        "air takes {p} of the sphere's energy",
     ),
     EffectRow(
         "range of the sensor", "v (latency + window) / range above the plate", 1.0, math.nan,
@@ -316,29 +295,10 @@ ROWS = (
         "law needs {x:.2g} times the sensor range", "sensors.full_scale",
     ),
     EffectRow(
-        "damper behind a spring", "2.5 d R_0 F/T", None, 0.1, _damped_residual,
-        lambda f, x: (
-            "the contact damper ignores the deflection rate of the truncated modes: "
-            f"plate energy may be off by {percent(x)} (requested: {percent(f.setup.run.accuracy)})"
-        ),
-        "energy error of contact damping is {p}", "",
-        lambda f: "plate.tail, a damped mode" if f.spec.damped_residual else "",
-    ),
-    EffectRow(
         "modes end below the impact", "expected error of the first impact", None, _NOTHING_LEFT,
         _modes_end, _modes_end_words,
         "the modes end below the impact: its metrics are within {p}, later ones unknown",
         "plate.tail",
-    ),
-    EffectRow(
-        "edge refocusing", "time after the touch / revival of a square plate", 1.0, math.nan,
-        lambda f: f.after_touch_s / f.static.revival_s if f.static.revival_s else None,
-        lambda f, x: (
-            f"every {1e3 * f.static.revival_s:.3g} ms all modes of this square plate come back "
-            "in phase, unlike those of a real plate: use the largest plate speed per contact, not "
-            "per run"
-        ),
-        "the modes of a square plate return in phase during the run",
     ),
 )  # fmt: skip
 

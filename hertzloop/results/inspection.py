@@ -1,12 +1,13 @@
 """The contents of a recording, with its metrics where these follow from it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hertzloop.recordings.recording import Recording, SampledStream
-from hertzloop.results.metrics import free_metrics, metrics_of
+from hertzloop.bus.messages_pb2 import EventKind
+from hertzloop.recordings.recording import Event, Recording, SampledStream
+from hertzloop.results.metrics import Metrics, RunResult, Saturation, free_metrics, metrics_of
 from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.recorded import (
     NEEDED_FIELDS,
@@ -17,8 +18,7 @@ from hertzloop.results.recorded import (
     pacing_of,
     truth_of,
 )
-from hertzloop.results.recorded_result import recorded_result
-from hertzloop.results.repeatability import why_not_repeatable
+from hertzloop.results.repeatability import MOST_WORK, why_not_repeatable
 from hertzloop.results.verdict import Assessment, assess
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
@@ -32,10 +32,10 @@ class Inspected:
         recording: The recording.
         problems: A sentence on each missing or damaged part.
         law: Law that the forces come from.
-        pacing: Missed deadlines of a paced or repeated run.
+        pacing: Missed deadlines of a paced or repeated run; None in lock-step.
         yielded: Permanent indentation, if the contact yielded.
-        assessment: The metrics and how many of their digits are predictable; None if the recording
-            has no metrics.
+        free: Metrics of the same run without control; None without a comparison.
+        assessment: The metrics, and what they show; None if the recording has no metrics.
     """
 
     recording: Recording
@@ -43,7 +43,8 @@ class Inspected:
     law: RecordedLaw
     pacing: Pacing | None
     yielded: Yield | None
-    assessment: Assessment | None
+    free: Metrics | None = None
+    assessment: Assessment | None = None
 
     @property
     def seed(self) -> int:
@@ -51,33 +52,78 @@ class Inspected:
         return number_of(self.recording, "seed")
 
 
-def inspected(recording: Recording, against_none: bool = False) -> Inspected:
+def inspected(
+    recording: Recording,
+    against_none: bool = False,
+    setup: Setup | None = None,
+    most_work: float = MOST_WORK,
+) -> Inspected:
     """Return the contents of a recording, with its metrics.
 
     Args:
         recording: The recording.
         against_none: Whether the run is compared with the same without control.
+        setup: The setup of the run, if it is known.
+        most_work: Steps times frequencies of a run that is simulated again.
 
     A file may hold any numbers. If no metrics follow from them, that is one more problem of the
     recording, not an error of the program.
     """
     law, pacing, yielded = law_of(recording), pacing_of(recording), yield_of(recording.balance)
-    bare = Inspected(recording, recording.problems, law, pacing, yielded, None)
+    bare = Inspected(recording, recording.problems, law, pacing, yielded)
     try:
-        setup = parse(recording.scene_toml, recorded=True)
+        setup = setup or parse(recording.scene_toml, recorded=True)
         problem = _contradiction(recording.truth, setup)
         if not problem:
             with np.errstate(all="ignore"):
                 metrics = metrics_of(setup, truth_of(recording), missing_from(recording, setup))
                 result = recorded_result(setup, recording, metrics, law, pacing)
                 free = free_metrics(setup) if against_none else None
-                found = assess(setup, result, free, why_not_repeatable(recording))
-            return replace(bare, assessment=found)
+                found = assess(setup, result, free, why_not_repeatable(recording, most_work))
+            return replace(bare, free=free, assessment=found)
     except (SceneError, RecursionError) as error:
         problem = f"the scene inside cannot be read: {error}{recording.other_version}"
     except (ArithmeticError, ValueError) as error:
         problem = f"no metrics follow from what was recorded: {error}"
     return replace(bare, problems=[*recording.problems, problem])
+
+
+def recorded_result(
+    setup: Setup, recording: Recording, metrics: Metrics, law: RecordedLaw, pacing: Pacing | None
+) -> RunResult:
+    """Return the result of a recorded run, whose metrics, law and missed deadlines are known."""
+    balance = recording.balance
+    return RunResult(
+        metrics,
+        law.scene_law,
+        balance.expected_error if balance else None,
+        injected_j=balance.injected_j if balance else 0.0,
+        dent_m=balance.dent_m if balance else 0.0,
+        late=pacing is not None,
+        saturation=saturation_of(recording.events),
+        complete=missing_from(recording, setup) is None,
+    )
+
+
+def saturation_of(events: Iterable[Event]) -> Saturation | None:
+    """How often, and since when, samples were out of the converter's range where it matters, by a
+    recording's events: a gap during a contact, anything else at any time. None if never."""
+    since_ns: list[int] = []
+    touching = out = counted = of_gap = False
+    for event in events:
+        if event.name != "plant":
+            continue
+        kind = event.data.kind
+        if kind in (EventKind.CONTACT_BEGAN, EventKind.CONTACT_ENDED):
+            touching = kind == EventKind.CONTACT_BEGAN
+        elif kind in (EventKind.RANGE_LEFT, EventKind.RANGE_REGAINED):
+            out, counted = kind == EventKind.RANGE_LEFT, False
+            of_gap = event.data.quantity == "xi"
+        matters = touching or not of_gap
+        if out and matters and not counted:
+            since_ns.append(event.time_ns)
+            counted = True
+    return Saturation(len(since_ns), since_ns[0] * 1e-9) if since_ns else None
 
 
 def _contradiction(truth: SampledStream, setup: Setup) -> str:

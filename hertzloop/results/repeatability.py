@@ -8,7 +8,7 @@ from hertzloop.results.recorded import RecordedLaw, law_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import parse
 
-_MOST_WORK = 2e9  # steps times frequencies of a run that is repeated only to judge a recording
+MOST_WORK = 2e9  # steps times frequencies of a run that is repeated only to judge a recording
 
 
 class WhyNotRepeatable(Enum):
@@ -31,14 +31,14 @@ class NotRepeatable:
     error: str = ""
 
 
-def why_not_repeatable(recording: Recording) -> NotRepeatable | None:
+def why_not_repeatable(recording: Recording, most_work: float = MOST_WORK) -> NotRepeatable | None:
     """Return why the closed loop of a recording cannot be simulated again here; None if it can."""
     if recording.balance is None:
         return NotRepeatable(WhyNotRepeatable.NOT_ENDED)
     law = law_of(recording)
     if not law.as_announced:
         return NotRepeatable(WhyNotRepeatable.OTHER_LAW, law)
-    if recording.balance.frequencies * recording.truth.samples > _MOST_WORK:
+    if recording.balance.frequencies * recording.truth.samples > most_work:
         return NotRepeatable(WhyNotRepeatable.TOO_LONG)
     try:
         parse(recording.scene_toml)

@@ -1,62 +1,18 @@
 """What the validity of a model is judged from: a setup and the largest values of its run."""
 
 import math
-from functools import lru_cache
-from typing import NamedTuple
 
-from hertzloop.plant.contact.yielding import YieldPressure
 from hertzloop.plant.estimates import criteria
-from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.schemes.modal import series_residual_m_n
-from hertzloop.plant.structures.plate import Plate
 from hertzloop.results.statistics import Extremes
 from hertzloop.scene.controller import law_flight_m
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.mechanics import Mechanics
 from hertzloop.scene.setup import Setup
-
-_SQUARE = 1e-3  # difference of the sides up to which a plate is square
 
 _DIGITS = 3  # of length and force, for what takes an integral that is kept
 
 
 def _short(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
-
-
-class StaticContext(NamedTuple):
-    """Quantities of a setup that no run changes; nan or None if unknown."""
-
-    local: Plate | None  # the plate at the contact point; None for another structure
-    weaker: tuple[str, YieldPressure] | None  # the body that yields first, and its strength
-    zener: float  # Zener's lambda
-    revival_s: float  # when a square plate's modes are in phase again; zero if never
-    air_share: float  # loss factor by air over that of the plate
-    squeezed_film: float  # share of the sphere's energy that the air film dissipates
-    drag: float  # share of the fall energy that drag dissipates
-    flexibility_m_n: float  # of the spring that replaces the truncated modes
-
-
-@lru_cache(maxsize=16)
-def static_context(spec: PlantSpec, bodies: Mechanics) -> StaticContext:
-    """Compute the quantities that depend on the plant alone."""
-    structure, local, sphere = spec.plate, spec.plate.local_plate, spec.sphere
-    revival_s, air_share, square = 0.0, math.nan, structure.simply_supported
-    if square is not None and not spec.infinite_plate:
-        x, y = square.size_m
-        revival_s = criteria.revival_s(square, x) if abs(x - y) <= _SQUARE * x else 0.0
-    if local is not None and structure.mode_table is None:
-        air_share = criteria.air_loss_factor(local) / local.eta if local.eta else math.inf
-    return StaticContext(
-        local,
-        bodies.weaker,
-        math.nan if local is None else criteria.zener_inelasticity(sphere, local, spec.contact),
-        revival_s,
-        air_share,
-        criteria.squeezed_film(sphere),
-        criteria.drag_on_the_drop(sphere),
-        series_residual_m_n(spec) if spec.contact.hunt_crossley_s_m else math.nan,
-    )
 
 
 class RunContext:
@@ -72,8 +28,9 @@ class RunContext:
         # From a sample to the force that it causes.
         line_s = setup.run.step_s * (1 + setup.signal_path.dead_steps) + 1e-6 * setup.latency_us
         self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
-        self.static = static_context(self.spec, setup.mechanics)
-        self.local = self.static.local
+        # The plate at the contact point, None for another structure; the body that yields first,
+        # and its strength.
+        self.local, self.weaker = self.spec.plate.local_plate, setup.mechanics.weaker
         self.end_s = setup.run.duration_s if end_s is None else end_s
         self.after_touch_s = self.end_s - run.touched_s
         self.touched = run.force_n > 0.0 and run.contact_s > 0.0
@@ -87,13 +44,21 @@ class RunContext:
         self.first_return_s = math.nan  # of bending waves from an edge, s
         if self.local is None:
             return
-        self.thickness_periods = criteria.thickness_periods(self.local, run.contact_s)
+        self.zener = criteria.zener_inelasticity(sphere, self.local, contact)
         if setup.scene.plate.size_m is not None and self.spec.plate.mode_table is None:
             self.first_return_s = criteria.first_return_s(
                 self.local, setup.scene.plate.size_m, self.spec.contact_point_m, run.contact_s
             )
         self.thin_plate = criteria.thin_plate_error(self.local, contact.stiffness, lasts_s, peak_n)
         self.mass_that_matters_kg = criteria.mass_that_matters_kg(sphere, self.local, run.contact_s)
+
+    @property
+    def air_share(self) -> float:
+        """Loss factor by air over that of the plate; nan where no closed form gives the modes."""
+        if self.local is None or self.spec.plate.mode_table is not None:
+            return math.nan
+        air = criteria.air_loss_factor(self.local)
+        return air / self.local.eta if self.local.eta else math.inf
 
     @property
     def beyond_m_n(self) -> float:

@@ -4,10 +4,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.recordings.recording import Recording
 from hertzloop.results.metric_rows import MetricRow, Rows, UncertainValue, metric_rows, row_of
-from hertzloop.results.metrics import Metrics, RunResult, metrics_of
-from hertzloop.results.model import Yield, yield_of
+from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.predictability import (
     NOTHING_KNOWN,
     Predictability,
@@ -15,15 +13,6 @@ from hertzloop.results.predictability import (
     later_impacts_known,
     predictability,
 )
-from hertzloop.results.recorded import (
-    Pacing,
-    RecordedLaw,
-    law_of,
-    missing_from,
-    pacing_of,
-    truth_of,
-)
-from hertzloop.results.recorded_result import recorded_result
 from hertzloop.results.repeatability import NotRepeatable
 from hertzloop.results.span_metrics import change_db
 from hertzloop.results.touch_phases import SAME_PHASE, OtherPhases, at_other_phases
@@ -117,61 +106,20 @@ class Assessment:
     rows: Rows
 
 
-@dataclass(frozen=True)
-class RunAssessment:
-    """A recorded run with its metrics and their assessment.
-
-    Attributes:
-        law: the law that the controller used.
-        yielded: the permanent indentation; None if the contact did not yield.
-        requested_accuracy: requested model error, relative.
-        pacing: missed deadlines; None for a run in lock-step.
-        free: metrics of the same run without control; None if the run has no control.
-        assessment: what the metrics show.
-    """
-
-    law: RecordedLaw
-    yielded: Yield | None
-    requested_accuracy: float
-    pacing: Pacing | None
-    free: Metrics | None
-    assessment: Assessment
-
-    @property
-    def result(self) -> RunResult:
-        """The run."""
-        return self.assessment.result
-
-
-def assess_recording(
-    setup: Setup,
-    recording: Recording,
-    free: Metrics | None,
-    not_repeatable: NotRepeatable | None = None,
-) -> RunAssessment:
-    """Compute all metrics of a recorded run, and assess them.
-
-    Args:
-        setup: The setup of the run, whose closed loop is simulated again.
-        recording: The run.
-        free: Metrics of the same run without control, None if it is that itself.
-        not_repeatable: Why the closed loop cannot be simulated again, where that is so.
-    """
-    law = law_of(recording)
-    metrics = metrics_of(setup, truth_of(recording), missing_from(recording, setup))
-    pacing = pacing_of(recording)
-    result = recorded_result(setup, recording, metrics, law, pacing)
-    found = assess(setup, result, free, not_repeatable)
-    return RunAssessment(law, yield_of(recording.balance), setup.run.accuracy, pacing, free, found)
-
-
 def assess(
     setup: Setup,
     result: RunResult,
     free: Metrics | None,
     not_repeatable: NotRepeatable | None = None,
 ) -> Assessment:
-    """Assess the metrics of a run; arguments as for `assess_recording`."""
+    """Assess the metrics of a run.
+
+    Args:
+        setup: The setup of the run, whose closed loop is simulated again.
+        result: The run.
+        free: Metrics of the same run without control, None without a comparison.
+        not_repeatable: Why the closed loop cannot be simulated again, where that is so.
+    """
     known = predictability(setup, result, free, not_repeatable)
     return verdict(result, free, known, at_other_phases(setup, result, known))
 

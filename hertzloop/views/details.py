@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from hertzloop.common.readable import quantity
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results import model
-from hertzloop.results.run_report import RunReport
+from hertzloop.results.assessed_run import RunReport
 from hertzloop.results.statistics import ActuatorDemand
 from hertzloop.scene.controller import mean_latency_us
 from hertzloop.scene.setup import Setup
@@ -134,11 +134,11 @@ FACTS = (
     RunFact("seed", lambda r: r.setup.run.seed),
     RunFact("", lambda r: f"seed {r.setup.run.seed}", "run"),
     RunFact("transport", lambda r: r.transport, "run"),
-    RunFact("", lambda r: law_line(r.assessed.law), "run", "law {}".format),
+    RunFact("", lambda r: law_line(r.inspected.law), "run", "law {}".format),
     RunFact("scheme", lambda r: r.setup.run.scheme),
     RunFact("", lambda r: SCHEMES[r.setup.run.scheme].note, "run"),
-    RunFact("note", lambda r: r.recording.note),
-    RunFact("recording", lambda r: str(r.recording.path)),
+    RunFact("note", lambda r: r.inspected.recording.note),
+    RunFact("recording", lambda r: str(r.inspected.recording.path)),
     RunFact("steps", lambda r: r.setup.run.steps, "time", "{:,} steps".format),
     RunFact("wall_s", lambda r: r.wall_s, "time", "{:.4g} s of wall time".format),
     RunFact("real_time_factor",
@@ -164,9 +164,9 @@ FACTS = (
             pressure_words),
     RunFact("", lambda r: r.setup.mechanics.why_elastic, "contact",
             "elastic: {}".format),
-    RunFact("yield", lambda r: vars(r.assessed.yielded) if r.assessed.yielded else None, "contact",
+    RunFact("yield", lambda r: r.inspected.yielded and vars(r.inspected.yielded), "contact",
             yield_words),
-    RunFact("", lambda r: r.assessed.result.metrics.demand, "actuator", demand_words),
+    RunFact("", lambda r: r.assessment.result.metrics.demand, "actuator", demand_words),
     RunFact("mean_latency_us", lambda r: mean_latency(r.setup), "actuator", _mean_latency_words),
     RunFact("residuals", lambda r: {"momentum": r.balance.momentum_residual,
                                     "energy": r.balance.energy_residual}, "residuals",

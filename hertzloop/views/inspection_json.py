@@ -6,34 +6,16 @@ from typing import Any
 from hertzloop.results.inspection import Inspected, number_of
 from hertzloop.views.inspection import streams_of
 from hertzloop.views.run_json import (
-    metrics_as_json,
+    assessment_as_json,
     out_of_range_as_json,
-    pacing_as_json,
-    predictability_as_json,
-    rows_as_json,
 )
-from hertzloop.views.verdict import verdict_sentences
-
-_NO_METRICS: dict[str, Any] = {
-    "impacts": [],
-    "noise": [],
-    "first_impact": None,
-    "whole_run": None,
-    "stability": None,
-    "demand": None,
-    "validity": [],
-    "warnings": [],
-    "push": None,
-    "last_contact_ended": True,
-    "predictability": None,
-}
 
 
 def summary(found: Inspected) -> dict[str, Any]:
     """Return streams, counts, problems, scene, balance and metrics as plain data."""
-    recording, assessed = found.recording, found.assessment
+    recording = found.recording
     data: dict[str, Any] = {
-        "out_of_range": out_of_range_as_json(assessed),
+        "out_of_range": out_of_range_as_json(found.assessment),
         "file": str(recording.path),
         "complete": not found.problems,
         "problems": list(found.problems),
@@ -56,7 +38,6 @@ def summary(found: Inspected) -> dict[str, Any]:
             for e in recording.events
         ],
         "scene_toml": recording.scene_toml,
-        **asdict(found.law),
     }
     if recording.balance is not None:
         data["residuals"] = {
@@ -64,12 +45,4 @@ def summary(found: Inspected) -> dict[str, Any]:
             "energy": recording.balance.energy_residual,
         }
         data["yield"] = asdict(found.yielded) if found.yielded else None
-    data["pacing"] = pacing_as_json(found.pacing)
-    if assessed is None:
-        return data | _NO_METRICS | {"verdict": [], "rows": []}
-    return data | {
-        **metrics_as_json(assessed.result.metrics),
-        "predictability": predictability_as_json(assessed.predictability),
-        "verdict": verdict_sentences(assessed),
-        "rows": rows_as_json(assessed.rows),
-    }
+    return data | assessment_as_json(found)

@@ -7,7 +7,7 @@ from rich.text import Text
 
 from hertzloop.common.readable import argument
 from hertzloop.controller.loading.registry import NO_CONTROL
-from hertzloop.results.run_report import RunReport
+from hertzloop.results.assessed_run import RunReport
 from hertzloop.views.details import error_words, fallback_words, missed, run_table
 from hertzloop.views.effects import OUT_OF_RANGE, neglected_lines, warning_lines
 from hertzloop.views.format import Table, print_all, unwrapped
@@ -31,10 +31,10 @@ def print_run(
         details: Whether to print all tables as well.
         warning: One more warning, on what is not in the recording.
     """
-    assessed, ends = report.assessed, report.assessed.assessment
-    result, verdict = assessed.result, verdict_sentences(ends)
+    ends = report.assessment
+    result, verdict = ends.result, verdict_sentences(ends)
     controlled = result.scene_law != NO_CONTROL
-    pieces: list[Text | Table] = list(pacing_lines(assessed.pacing, details))
+    pieces: list[Text | Table] = list(pacing_lines(report.inspected.pacing, details))
     pieces += verdict_lines(verdict)
     if all(sentence.startswith(OUT_OF_RANGE) for sentence in verdict):
         pieces.append(Text(f"The run has {'' if controlled else 'no '}control.", "bold"))
@@ -67,7 +67,7 @@ def next_lines(path: str) -> list[Text]:
 
 def _verification_line(report: RunReport) -> Text:
     """Say what half the step and twice the modes changed."""
-    found, asked = report.verification, report.assessed.requested_accuracy
+    found, asked = report.verification, report.setup.run.accuracy
     if found is None:
         return unwrapped("Nothing to verify: no impact ends within the run.")
     met = ("met", "") if found.largest <= asked else ("missed", "red")
@@ -89,23 +89,23 @@ def _run_lines(report: RunReport) -> list[Text]:
     return [
         Text(
             f"Scene {setup.scene.name}, {setup.run.steps:,} steps in {report.wall_s:.3g} s. "
-            f"Law: {law_line(report.assessed.law, digests=False)}."
+            f"Law: {law_line(report.inspected.law, digests=False)}."
         ),
         Text.assemble(
             f"Error of the {'missing reflections' if infinite else 'truncated modes'} "
-            f"{error_words(*report.expects)} (requested {report.assessed.requested_accuracy:g}",
+            f"{error_words(*report.expects)} (requested {report.setup.run.accuracy:g}",
             ("; missed", "yellow") if missed(*report.expects) else "",
             ").",
         ),
-        *next_lines(str(report.recording.path)),
+        *next_lines(str(report.inspected.recording.path)),
     ]
 
 
 def _details(report: RunReport) -> list[Text | Table]:
     """Return all impacts, further metrics, properties of the run and neglected effects."""
-    ends = report.assessed.assessment
+    ends = report.assessment
     result, known = ends.result, ends.predictability
-    found, free = result.metrics, report.assessed.free
+    found, free = result.metrics, report.inspected.free
     if result.scene_law == NO_CONTROL or free is None:
         tables = [impacts_table("Impacts, no control", found.by_impact, known.controlled)]
     else:

@@ -5,17 +5,34 @@ from dataclasses import asdict, is_dataclass
 from typing import Any
 
 from hertzloop.results import verdict as verdicts
+from hertzloop.results.assessed_run import RunReport
 from hertzloop.results.effects import EffectState, Neglected
+from hertzloop.results.inspection import Inspected
 from hertzloop.results.metric_rows import MetricRow
 from hertzloop.results.metrics import Metrics
 from hertzloop.results.predictability import Predictability
 from hertzloop.results.recorded import Pacing
-from hertzloop.results.run_report import RunReport
 from hertzloop.results.verification import Verification
 from hertzloop.views.details import facts_as_json
 from hertzloop.views.effects import out_of_range
 from hertzloop.views.law_line import why_not_words
 from hertzloop.views.verdict import verdict_sentences
+
+_NO_METRICS: dict[str, Any] = {
+    "impacts": [],
+    "noise": [],
+    "first_impact": None,
+    "whole_run": None,
+    "stability": None,
+    "demand": None,
+    "validity": [],
+    "warnings": [],
+    "push": None,
+    "last_contact_ended": True,
+    "predictability": None,
+    "verdict": [],
+    "rows": [],
+}
 
 
 def effects_as_json(neglected: Neglected) -> dict[str, Any]:
@@ -85,16 +102,14 @@ def out_of_range_as_json(found: verdicts.Assessment | None) -> list[str]:
     return out_of_range(found.result.metrics.neglected.checks) if found else []
 
 
-def _assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
-    """Return all metrics of a recorded run, their predictability and the verdict."""
-    result, assessed = found.result, found.assessment
-    return {
-        **asdict(found.law),
-        "injected_j": result.injected_j,
-        "expected_error": result.expected_error,
-        "requested_accuracy": found.requested_accuracy,
-        **metrics_as_json(result.metrics),
-        "pacing": pacing_as_json(found.pacing),
+def assessment_as_json(found: Inspected) -> dict[str, Any]:
+    """Return the metrics of a recorded run, their predictability and the verdict."""
+    data = {**asdict(found.law), "pacing": pacing_as_json(found.pacing)}
+    assessed = found.assessment
+    if assessed is None:
+        return data | _NO_METRICS
+    return data | {
+        **metrics_as_json(assessed.result.metrics),
         "predictability": predictability_as_json(assessed.predictability),
         "verdict": verdict_sentences(assessed),
         "rows": rows_as_json(assessed.rows),
@@ -103,12 +118,15 @@ def _assessment_as_json(found: verdicts.RunAssessment) -> dict[str, Any]:
 
 def run_as_json(report: RunReport) -> dict[str, Any]:
     """Return everything that `run --json` writes."""
-    assessed = report.assessed
+    result = report.assessment.result
     data = {
-        "out_of_range": out_of_range_as_json(assessed.assessment),
+        "out_of_range": out_of_range_as_json(report.assessment),
         **facts_as_json(report),
-        "uncontrolled": metrics_as_json(assessed.free or assessed.result.metrics),
-        **_assessment_as_json(assessed),
+        "injected_j": result.injected_j,
+        "expected_error": result.expected_error,
+        "requested_accuracy": report.setup.run.accuracy,
+        "uncontrolled": metrics_as_json(report.inspected.free or result.metrics),
+        **assessment_as_json(report.inspected),
     }
     if report.repeats:
         data |= {"repeats": str(report.repeats), "differs": report.differs}

@@ -45,11 +45,6 @@ def sphere_periods(sphere: Sphere, contact_s: float) -> float:
     return contact_s * speed / (2.0 * math.pi * sphere.radius_m)
 
 
-def thickness_periods(plate: Plate, contact_s: float) -> float:
-    """Periods of the plate's first thickness resonance, c_T/(2 h), that a contact lasts."""
-    return contact_s * plate.material.shear_speed_m_s / (2.0 * plate.thickness_m)
-
-
 def thickness_number(plate: Plate, contact_s: float) -> float:
     """k h, k the wave number of bending at the frequency 1/T: k^2 = 2 pi/T sqrt(m''/B')."""
     root = math.sqrt(plate.mass_per_area_kg_m2 / plate.bending_stiffness_n_m)
@@ -155,14 +150,6 @@ def zener_contact_s(inelasticity: float, rigid_s: float) -> float:
     return rigid_s * (1.0 + inelasticity * (0.3 + 0.4 * inelasticity))
 
 
-def revival_s(plate: Plate, side_m: float) -> float:
-    """When all modes of a square simply supported plate of Kirchhoff's are in phase again, s: their
-    frequencies are whole multiples of omega_unit = sqrt(B'/m'') (pi/l)^2, those that its centre
-    moves in with a common step of 8 of it. Dispersion of a real plate forbids that."""
-    a = math.sqrt(plate.bending_stiffness_n_m / plate.mass_per_area_kg_m2)
-    return 2.0 * math.pi / (8.0 * a * (math.pi / side_m) ** 2)
-
-
 @lru_cache(maxsize=16)
 def air_loss_factor(plate: Plate) -> float:
     """Loss factor rho0 c/(omega m''), one face, of modes that radiate as strongly as a piston, at
@@ -184,14 +171,6 @@ def drag_on_the_drop(sphere: Sphere) -> float:
     density = sphere.material.density_kg_m3
     radius = sphere.radius_m
     return 0.375 * _DRAG * AIR_DENSITY_KG_M3 * sphere.drop_height_m / (density * radius)
-
-
-def residual_share(
-    damping_s_m: float, flexibility_m_n: float, force_n: float, contact_s: float
-) -> float:
-    """Relative error of the plate energy by the rate that a massless spring R_0 hides from a damper
-    d in the contact: 2.5 d R_0 F/T, measured 0.9 to 2.2 times d R_0 F/T."""
-    return 2.5 * damping_s_m * flexibility_m_n * force_n / contact_s
 
 
 def mass_that_matters_kg(sphere: Sphere, plate: Plate, contact_s: float) -> float:

@@ -5,10 +5,10 @@ import shlex
 from hertzloop.common.readable import argument
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.metrics import free_metrics
+from hertzloop.results.inspection import inspected
+from hertzloop.results.metrics import Metrics
 from hertzloop.results.recorded import law_of
-from hertzloop.results.repeatability import why_not_repeatable
-from hertzloop.results.verdict import RunAssessment, assess_recording
+from hertzloop.results.verdict import Assessment
 from hertzloop.studies.pages.html import ResultPage, ResultTable
 from hertzloop.studies.report.charts import charts_of
 from hertzloop.views.effects import sentences_of
@@ -28,9 +28,11 @@ def page_of(recording: Recording) -> ResultPage:
         SceneError: Its scene cannot be simulated.
     """
     setup, shown = scene_of(recording), prepare(recording, drawn="Dashed", verdict=False)
-    without = free_metrics(setup) if shown.labels.reference is not None else None
-    found = assess_recording(setup, recording, without, why_not_repeatable(recording))
-    metrics, verdict = found.result.metrics, verdict_sentences(found.assessment)
+    found = inspected(recording, shown.labels.reference is not None, setup)
+    ends = found.assessment
+    if ends is None:
+        raise RecordingError(f"{recording.path}: {found.problems[-1]}")
+    metrics, verdict = ends.result.metrics, verdict_sentences(ends)
     unstable, law = metrics.stability.unstable, law_of(recording)
     effects = sentences_of(metrics.neglected.checks)
     texts = [(setup.scene.name, recording.scene_toml)]
@@ -49,7 +51,7 @@ def page_of(recording: Recording) -> ResultPage:
             *no_text,
         ],
         charts=charts_of(shown),
-        tables=_tables(found, not unstable),
+        tables=_tables(ends, found.free, not unstable),
         commands=_commands(recording) if law.as_announced else [],
         versions=recording.metadata.get("versions", ""),
         scenes=texts,
@@ -69,16 +71,16 @@ def _commands(recording: Recording) -> list[str]:
     return [shlex.join(["hertzloop", *command]) for command in words]
 
 
-def _tables(found: RunAssessment, compare: bool) -> list[ResultTable]:
+def _tables(ends: Assessment, free: Metrics | None, compare: bool) -> list[ResultTable]:
     """Return metrics of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
-    runs = [found.result.metrics, *([found.free] if found.free else [])]
+    runs = [ends.result.metrics, *([free] if free else [])]
     if not all(run.noise for run in runs):
         return []
-    known, ends = found.assessment.predictability, found.assessment
+    known = ends.predictability
     digits = [known.controlled, known.uncontrolled][: len(runs)]
-    names = ["with control", "without"] if found.free else ["this run"]
-    compare = compare and found.free is not None
+    names = ["with control", "without"] if free else ["this run"]
+    compare = compare and free is not None
     shown = [*shown_rows(ends.rows), *further_rows(ends.rows)]
     columns = ["metric", *names, *(["change"] if compare else [])]
     rows = [cells_of(row, ends.result.complete, compare) for row in shown]

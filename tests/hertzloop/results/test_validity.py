@@ -13,7 +13,6 @@ from tests.hertzloop.scenes import aluminium_3mm, json_in
 SHORT = ("run.duration_s=0.0013", "controller.law=off")
 LAW = "controller.law=slope_threshold"
 LATE = "controller.law=predicted sensors.bits=12 controller.latency_us=15"
-DAMPER = "contact.damping=hunt_crossley contact.restitution=0.5"
 HEAVY = "plate.thickness_m=0.001 sphere.radius_m=0.02 sphere.drop_height_m=1 run.duration_s=0.003"
 THIN = (
     "plate.thickness_m=0.0002 plate.size_m=[0.1,0.1] plate.contact_point_m=[0.05,0.05] "
@@ -36,13 +35,11 @@ def test_the_3_mm_scene_by_hand():
     assert rows["plate theory (energy)"]["value"] == pytest.approx(0.085 * 0.64**2, rel=0.02)
     assert rows["plate theory (energy)"]["state"] == "left out"
     assert rows["vibration of the sphere"]["value"] == pytest.approx(13.0, abs=0.15)
-    assert rows["thickness resonance"]["value"] == pytest.approx(28.94e-6 * 525e3, rel=0.01)
     assert rows["large deflection"]["value"] < 0.01
     assert rows["air on the modes"]["value"] == pytest.approx(16.0, rel=0.01)
-    for name in ("squeezed air film", "drag on the drop", "contact against plate"):
+    for name in ("air around the sphere", "contact against plate"):
         assert rows[name]["state"] == "within"
     assert "delay of the loop" not in rows  # without a law there is no loop
-    assert "damper behind a spring" not in rows
 
 
 def test_the_20_mm_scene_by_hand():
@@ -54,7 +51,6 @@ def test_the_20_mm_scene_by_hand():
     assert rows["yield"]["state"] == "left out"
     assert "plate theory (energy)" not in rows
     assert 0.05 < rows["plate theory (peak)"]["value"] < 0.15
-    assert rows["edge refocusing"]["value"] == pytest.approx(59e-3 / 4.18e-3, rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -63,7 +59,7 @@ def test_the_20_mm_scene_by_hand():
         ("aluminium-20mm", {"plate theory (peak)"}),
         ("aluminium-3mm", {"plate theory (energy)", "plate theory (peak)"}),
         ("offcentre-6mm", {"plate theory (energy)"}),
-        ("oak-20mm", {"yield", "plate theory (peak)", "edge refocusing"}),
+        ("oak-20mm", {"yield", "plate theory (peak)"}),
         ("sylomer-20mm", {"contact against sphere", "plate theory (peak)"}),
     ],
 )
@@ -86,9 +82,7 @@ def test_a_shipped_scene_neglects_what_its_tutorial_explains(shipped_scenes, nam
         (THIN, "large deflection", "out of range"),
         ("plate.loss_factor=0.5", "air on the modes", "within"),
         ("run.plate_model=infinite run.duration_s=0.002", "reflections", "left out"),
-        (f"{DAMPER} plate.tail=spring", "damper behind a spring", "left out"),
-        (DAMPER, "damper behind a spring", "in the model"),
-        ("sphere.drop_height_m=2", "drag on the drop", "left out"),
+        ("sphere.drop_height_m=2", "air around the sphere", "left out"),
         (LAW, "delay of the loop", "within"),
         (f"{LAW} controller.latency_us=4", "delay of the loop", "left out"),
         (f"{LAW} actuator.force_limit_n=30", "force of the actuator", "left out"),

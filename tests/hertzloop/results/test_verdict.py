@@ -6,7 +6,7 @@ import pytest
 
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.recordings.recording import Event, EventData
-from hertzloop.results.recorded_result import saturation_of
+from hertzloop.results.inspection import saturation_of
 from hertzloop.scene.toml import to_toml
 from tests.commands import as_options, invoke
 from tests.hertzloop.scenes import aluminium_3mm, json_in

@@ -8,12 +8,9 @@ from rich.console import Console
 
 from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd
 from hertzloop.recordings.recording import Recording
+from hertzloop.results.assessed_run import RunReport
 from hertzloop.results.inspection import inspected
-from hertzloop.results.metrics import free_metrics
 from hertzloop.results.recorded import law_of
-from hertzloop.results.repeatability import why_not_repeatable
-from hertzloop.results.run_report import RunReport
-from hertzloop.results.verdict import assess_recording
 from hertzloop.scene.toml import to_toml
 from hertzloop.views.inspection import print_inspection
 from hertzloop.views.law_line import law_line
@@ -51,8 +48,8 @@ def test_a_run_that_another_law_made(tmp_path):
     assert law_line(law_of(made)) == "slope_threshold"
     foreign = made.ends["controller"].report
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
-    assessed = assess_recording(SCENE, made, free_metrics(SCENE), why_not_repeatable(made))
-    ran = RunReport(SCENE, made, assessed, made.balance, "zenoh", 1.0, 1)
+    found = inspected(made, against_none=True)
+    ran = RunReport(SCENE, found, found.assessment, made.balance, "zenoh", 1.0, 1)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
         lambda console: print_inspection(console, inspected(made)),

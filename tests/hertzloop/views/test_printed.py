@@ -73,7 +73,7 @@ def quantities(words: str) -> list[float]:
 
 def test_every_metric_is_printed_with_the_label_and_the_digits_of_its_row(ran, report):
     """Values, ranges and changes of both tables are those of --json."""
-    result, rows = ran.assessed.result, ran.assessed.assessment.rows
+    result, rows = ran.assessment.result, ran.assessment.rows
     tables = [metrics_table(result, rows), metrics_table(result, rows, details=True)]
     printed = {label: cells for table in tables for label, *cells in lines(table)[1:]}
     assert lines(tables[0])[0][1:] == ["with control", "without", "change"]
@@ -96,7 +96,7 @@ def test_every_metric_is_printed_with_the_label_and_the_digits_of_its_row(ran, r
 
 @pytest.mark.full
 def test_impacts(ran, report):
-    header, *rows = lines(impacts_table("Impacts", ran.assessed.result.metrics.by_impact))
+    header, *rows = lines(impacts_table("Impacts", ran.assessment.result.metrics.by_impact))
     for heading, *cells in zip(header, *rows, strict=True):
         words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
         for cell, impact in zip(cells, report["impacts"], strict=True):
@@ -160,7 +160,7 @@ def test_the_run(ran, report):
 @pytest.mark.full
 def test_no_cell_of_a_table_is_cut(ran):
     """At 80 columns, as in a pipe, words stay whole, too; on less, long ones are broken."""
-    recording = str(ran.recording.path)
+    recording = str(ran.inspected.recording.path)
     cheap = ["--set", "run.duration_s=0.0015", "--set", "run.accuracy=0.1"]
     commands = [
         ["inspect", recording],
