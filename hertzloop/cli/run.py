@@ -22,7 +22,7 @@ from hertzloop.cli.options import (
     run_options,
 )
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
-from hertzloop.cli.terminal import fail, if_interrupted, out, progress
+from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.cli.unused_options import check_unused
 from hertzloop.loop.run_options import USES, RunOptions, Transport, check_transport
 from hertzloop.processes.launcher import Launcher
@@ -38,6 +38,8 @@ from hertzloop.views.format import unwrapped
 from hertzloop.views.run import print_run
 from hertzloop.views.run_json import run_as_json
 
+_MANY_STEPS = 4_000_000
+_BYTES_A_STEP = 250  # of the run, the same without control, and a repetition
 # Parameters of the command that only separate processes need.
 _OF_PROCESSES = ("name", "port", "timeout_s", "fast_lane", "realtime")
 
@@ -104,6 +106,9 @@ def _checked(
     if options.controller is not None:
         check_command(options.controller)
     prepare.check_pace(setup, options)
+    if setup.run.steps > _MANY_STEPS:
+        needed_gb = 1e-9 * _BYTES_A_STEP * setup.run.steps
+        err.say(f"{setup.run.steps:,} steps: the metrics need about {needed_gb:.2g} GB of memory.")
     if repeated is not None:
         repeat_or_fail(repeated, setup)  # before three processes are started for nothing
     return setup, recording

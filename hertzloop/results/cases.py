@@ -80,7 +80,7 @@ def _change_of(name: str, shown: bool = False) -> Any:
     """The fact that is the change of another one against no control, dB."""
     about = SPAN_FACTS[name]
     return fact(f"change of the {about.label}, dB", about.label, "dB", about.db,
-                of=f"change.{name}", level=Level.BRIEF if shown else Level.DATA,
+                of=attrgetter(f"change.{name}"), level=Level.BRIEF if shown else Level.DATA,
                 less_is_better=True)  # fmt: skip
 
 
@@ -88,10 +88,13 @@ def _same(name: str, unit: str = "", factor: float = 1.0) -> Any:
     """The fact that is one of the span, in another unit."""
     about = SPAN_FACTS[name]
     if not unit:
-        return fact(**vars(about) | {"of": f"metrics.{name}", "level": Level.DATA})
+        of = attrgetter(f"metrics.{name}")
+        return fact(**vars(about) | {"of": of, "level": Level.DATA})
     meaning = f"{about.meaning.rpartition(',')[0]}, {unit}"
-    of = lambda case: factor * getattr(case.metrics, name)  # noqa: E731
-    return fact(meaning, about.label, unit, of=of, less_is_better=about.less_is_better)
+    return fact(
+        meaning, about.label, unit, less_is_better=about.less_is_better,
+        of=lambda case: factor * getattr(case.metrics, name),
+    )  # fmt: skip
 
 
 @described
@@ -115,11 +118,11 @@ class CaseMetrics:
     holmes_db: float = _change_of("holmes_j")
     plate_energy_j: float = _same("plate_energy_j")
     injected_j: float = fact("work of the actuator force on the plate, J",
-                             of="run.balance.injected_j")
+                             of=attrgetter("run.balance.injected_j"))
     pumps: bool = fact("whether the actuator had at some time added more than the energy of the "
-                       "impact", of="stability.pumps")
+                       "impact", of=attrgetter("stability.pumps"))
     impact_energy_j: float = fact("energy of the sphere before the impact, J",
-                                  of="run.balance.energy_start_j")
+                                  of=attrgetter("run.balance.energy_start_j"))
     rebound_m_s: float = _same("rebound_speed_m_s")
     rebound_height_mm: float = _same("rebound_height_m", "mm", 1e3)
     contact_us: float = _same("contact_time_s", "us", 1e6)
@@ -131,10 +134,10 @@ class CaseMetrics:
     delay_us: float = fact("delay that the law latched, us; nan without one",
                            of=lambda case: latched_us(case.setup, case.run))
     energy_residual: float = fact("missing part of the energy balance, relative",
-                                  of="run.balance.energy_residual")
+                                  of=attrgetter("run.balance.energy_residual"))
     plate_model: str = fact('"modal" or "infinite"; with this value of run.plate_model, '
                             "`hertzloop run` gives the same metrics",
-                            of="setup.scene.run.plate_model")
+                            of=attrgetter("setup.scene.run.plate_model"))
     leaves_out: str = fact("names of indicators above their threshold "
                            "(`hertzloop.results.effects`)",
                            of=lambda case: case.effects.get(EffectState.LEFT_OUT, ""))
@@ -147,7 +150,6 @@ class CaseMetrics:
 
 
 CASE_FACTS = facts_of(CaseMetrics)
-_TAKEN = [attrgetter(one.of) if isinstance(one.of, str) else one.of for one in CASE_FACTS.values()]
 SHOWN = tuple(name for name, one in CASE_FACTS.items() if one.level is Level.BRIEF)
 OBJECTIVES = tuple(name for name, one in CASE_FACTS.items() if one.less_is_better)
 
@@ -190,7 +192,7 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     free = uncontrolled(setup, span)
     change = SimpleNamespace(**changes_db(metrics, free))
     case = _Case(setup, run, metrics, impacts[0], free, change, found, left_out)
-    return CaseMetrics(*(take(case) for take in _TAKEN))
+    return CaseMetrics(*(one.of(case) for one in CASE_FACTS.values() if one.of))
 
 
 def _bounded(setup: Setup, truth: np.ndarray) -> Stability:

@@ -55,7 +55,7 @@ class Fact:
         label: its name in tables, sentences and charts; "" where it has none.
         unit: its unit there.
         db: factor of the logarithm of its ratio in dB, 0 of one that is compared in per cent.
-        of: how it is computed from a case, or the path of an attribute.
+        of: how it is computed, from the parts of a span or from a case.
         level: where it is shown.
         whole_run: where its value over the whole run is shown.
         error: what the error of the model does to it.
@@ -70,7 +70,7 @@ class Fact:
     label: str = ""
     unit: str = ""
     db: float = 0.0
-    of: Callable[[Any], Any] | str = ""
+    of: Callable[[Any], Any] | None = None
     level: Level = Level.DATA
     whole_run: Level = Level.DATA
     error: ModelError = share

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from typing import Literal
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Literal, NamedTuple
 
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
@@ -35,19 +36,21 @@ class SpanMetrics:
     contact_time_s: float = fact("duration of the first contact, s", "contact time", "s",
                                  level=BRIEF, impacts="first")
     peak_force_n: float = fact("largest contact force, N", "peak contact force", "N",
-                               level=BRIEF, impacts="largest", less_is_better=True)
+                               of=attrgetter("peak_force_n"), level=BRIEF, impacts="largest",
+                               less_is_better=True)
     impact_speed_m_s: float = fact("speed of the sphere before the first contact, m/s",
                                    "impact speed", "m/s", level=DETAILS, error=exact,
                                    impacts="first")
     rebound_speed_m_s: float = fact("speed of the sphere after the last contact, m/s",
-                                    "rebound speed", "m/s", level=BRIEF, error=of_speed,
-                                    impacts="last", difference=True)
+                                    "rebound speed", "m/s",
+                                    of=attrgetter("noise.next_impact_speed_m_s"), level=BRIEF,
+                                    error=of_speed, impacts="last", difference=True)
     rebound_height_m: float = fact("height of a sphere after the last contact, by energy, m",
                                    "rebound height", "m", level=BRIEF, error=of_height,
                                    impacts="last", less_is_better=True)
     plate_energy_j: float = fact("work of contact force and actuator force on the plate, J",
-                                 "plate energy", "J", 10.0, level=BRIEF, whole_run=BRIEF,
-                                 less_is_better=True)
+                                 "plate energy", "J", 10.0, of=attrgetter("noise.transmitted_j"),
+                                 level=BRIEF, whole_run=BRIEF, less_is_better=True)
     radiated_j: float = fact("radiated energy by the study, sum of sigma E up to 20 kHz, J",
                              "radiated energy to 20 kHz", "J", 10.0, level=BRIEF,
                              less_is_better=True)
@@ -65,8 +68,8 @@ class SpanMetrics:
     holmes_j: float = fact("acceleration noise energy (Holmes 1974), J",
                            "acceleration noise, Holmes", "J", 10.0, level=DETAILS,
                            impacts="first")
-    contacts: int = fact("number of contacts", "contacts", whole_run=BRIEF, error=exact,
-                         difference=True)
+    contacts: int = fact("number of contacts", "contacts", of=attrgetter("contacts"),
+                         whole_run=BRIEF, error=exact, difference=True)
     # fmt: on
 
 
@@ -101,7 +104,7 @@ FACTS: dict[SpanName, dict[str, Fact]] = {
     "whole_run": SPAN_FACTS,
 }
 
-_SHARED = {f.name for f in fields(ImpactNoise)} & {*SPAN_FACTS}
+_TAKEN = [one.of or attrgetter(f"noise.{name}") for name, one in SPAN_FACTS.items()]
 
 
 Values = dict[str, float]
@@ -114,19 +117,23 @@ def values_of(impacts: Sequence[Impact], noise: Sequence[ImpactNoise] = ()) -> l
     return [vars(impact) | sound for impact, sound in zip(impacts, sounds, strict=True)]
 
 
+class SpanParts(NamedTuple):
+    """What the metrics of a span are computed from: the number of its contacts, their largest
+    force, N, and its noise metrics."""
+
+    contacts: int
+    peak_force_n: float
+    noise: ImpactNoise
+
+
 def of_impact(found: ImpactMetrics) -> SpanMetrics:
     """Metrics of one impact."""
-    return span_metrics(1, found.impact.peak_force_n, found.noise)
+    return span_metrics(SpanParts(1, found.impact.peak_force_n, found.noise))
 
 
-def span_metrics(contacts: int, peak_force_n: float, noise: ImpactNoise) -> SpanMetrics:
-    return SpanMetrics(
-        contacts=contacts,
-        rebound_speed_m_s=noise.next_impact_speed_m_s,
-        peak_force_n=peak_force_n,
-        plate_energy_j=noise.transmitted_j,
-        **{name: value for name, value in vars(noise).items() if name in _SHARED},
-    )
+def span_metrics(parts: SpanParts) -> SpanMetrics:
+    """Metrics of a span: by the row of each, or the noise metric of its name."""
+    return SpanMetrics(*(take(parts) for take in _TAKEN))
 
 
 def decibels(value: float, reference: float, factor: float = 10.0) -> float:

@@ -19,7 +19,7 @@ from hertzloop.plant.metrics.noise import (
 from hertzloop.plant.plant import PlantSpec, modes_of
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P
-from hertzloop.results.span_metrics import SpanMetrics, span_metrics
+from hertzloop.results.span_metrics import SpanMetrics, SpanParts, span_metrics
 
 # Of 20 kHz: no oscillator stands for modes further apart than that.
 _BEYOND_AUDIBLE = 1.01
@@ -73,4 +73,4 @@ def whole_run(spec: PlantSpec, truth: np.ndarray, impacts: Sequence[Impact]) -> 
         impacts[-1].rebound_speed_m_s,
     )
     noise = impact_noise(spec, modes, given)
-    return span_metrics(len(impacts), max(i.peak_force_n for i in impacts), noise)
+    return span_metrics(SpanParts(len(impacts), max(i.peak_force_n for i in impacts), noise))
