@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.common.readable import quantity
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results import model
@@ -128,6 +129,14 @@ def _plate_words(found: Mapping[str, Any]) -> str:
     return f"infinite plate, a dashpot of {found['impedance_n_s_m']:.4g} N s/m"
 
 
+def _modes_words(balance: EnergyBalance) -> str:
+    if not balance.frequencies:
+        return ""
+    return (
+        f"{balance.frequencies} frequencies up to {quantity(balance.frequency_limit_hz, 'Hz', 4)}"
+    )
+
+
 # fmt: off
 FACTS = (
     RunFact("scene", lambda r: r.setup.scene.name, "run"),
@@ -152,9 +161,9 @@ FACTS = (
             "real-time profile: {}".format),
     RunFact("struck", lambda r: model.structure_summary(r.setup), "plate", lambda s: s["name"]),
     RunFact("model", lambda r: model.plate_model(r.setup), "plate", _plate_words),
-    RunFact("frequencies", lambda r: r.balance.frequencies, "plate", "{} frequencies".format),
-    RunFact("frequency_limit_hz", lambda r: r.balance.frequency_limit_hz, "plate",
-            lambda limit_hz: f"up to {quantity(limit_hz, 'Hz', 4)}"),
+    RunFact("frequencies", lambda r: r.balance.frequencies),
+    RunFact("frequency_limit_hz", lambda r: r.balance.frequency_limit_hz),
+    RunFact("", lambda r: r.balance, "plate", _modes_words),
     RunFact("truncated_modes", lambda r: model.truncated_modes(r.setup), "plate",
             lambda found: "one damped mode for the rest"),
     RunFact("newton_iterations_max", lambda r: r.balance.newton_iterations_max, "contact",

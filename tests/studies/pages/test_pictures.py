@@ -38,4 +38,4 @@ def test_every_objective_has_words():
 
     for figure in OBJECTIVES:
         assert "_" not in words.against_none(figure)
-        assert words.against_none(figure).endswith(("(dB)", "(%)", "(N)", "(N s)", "(mm)"))
+        assert words.against_none(figure).endswith(("(dB)", "(%)", "(N)", "(N s)", "(mm)", "(J)"))
