@@ -24,8 +24,8 @@ from numba.extending import intrinsic, is_jitted
 from numba.np.numpy_support import as_dtype
 
 from hertzloop.common.jit import kernel
+from hertzloop.common.jit.arrays import array_at
 from hertzloop.common.jit.folder import cache_folder, has_room, keep, kept_in
-from hertzloop.common.jit.object_code import array_at
 
 UNCOMPILED = bool(config.DISABLE_JIT)  # all runs as Python, to be tested line by line
 # Result and arguments after p and s.

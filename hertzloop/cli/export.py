@@ -11,7 +11,7 @@ import typer
 
 from hertzloop.cli import options, outputs, prepare
 from hertzloop.cli.terminal import err, fail, out, say_problems
-from hertzloop.common.jit.object_code import outline
+from hertzloop.interop.object_code import outline
 from hertzloop.recordings.reader import read
 from hertzloop.views.labels import export_labels
 

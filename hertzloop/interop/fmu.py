@@ -16,8 +16,8 @@ import numpy as np
 
 from hertzloop import __version__
 from hertzloop.common.atomic_files import atomic_write
-from hertzloop.common.jit.object_code import outline
 from hertzloop.interop.image import Image
+from hertzloop.interop.object_code import outline
 from hertzloop.interop.objects import plant_object
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.quantities import SENSED

@@ -14,8 +14,8 @@ import numpy as np
 
 from hertzloop.closed_loop.exchange import HELD, SAMPLES_END
 from hertzloop.closed_loop.parts import elsewhere, empty_unsent, exchange, plant_side
-from hertzloop.common.jit.object_code import leaves
 from hertzloop.interop.kernels import ENERGIES, Unit
+from hertzloop.interop.object_code import leaves
 from hertzloop.interop.objects import needed
 from hertzloop.plant.schemes.registry import SCHEMES, schemes_where
 from hertzloop.plant.state_kernels import STEP, V_P, XI, XI_P, XI_S

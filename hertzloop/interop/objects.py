@@ -84,8 +84,8 @@ def plant_object(outline: "Unit", cpu: str) -> bytes:
 
 def _compile(outline: "Unit") -> bytes:
     # For the process that compiles alone: the program that exports starts 0.1 s earlier.
-    from hertzloop.common.jit.object_code import assembler, object_code
     from hertzloop.interop import kernels as interop_kernels
+    from hertzloop.interop.object_code import assembler, object_code
 
     assembled = assembler(typeof(outline))
     released, advanced, balanced = (

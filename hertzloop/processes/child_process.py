@@ -1,7 +1,8 @@
 """A process of a run: how it is started, what it reports, and which one is the cause of a failure.
 
 A role is a fork of the launcher, which has imported everything and built the scene's parts. A
-process with several threads cannot be forked safely: then a role is started afresh (spawned).
+process with several threads cannot be forked safely: then a role is a fork of the fork server of
+`multiprocessing`, which imports everything once.
 """
 
 import gc
@@ -19,7 +20,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from setproctitle import setproctitle
 
@@ -28,6 +29,13 @@ from hertzloop.bus.streams import CONTROLLER, StreamFault
 from hertzloop.processes.program import Program
 from hertzloop.processes.signals import INTERRUPTED, end_with_parent, install_handlers
 from hertzloop.recordings.writer import RecordingError
+
+# What roles need. Imported before they are forked.
+MODULES = [
+    "hertzloop.loop.controller_node",
+    "hertzloop.loop.plant_node",
+    "hertzloop.processes.roles",
+]
 
 Report = Callable[..., None]  # takes the parts of a report by name
 
@@ -163,9 +171,12 @@ def start_role(
             "concurrent.futures, or transport = 'compiled'"
         )
     alone = len(os.listdir("/proc/self/task")) == 1  # no thread, be it of Python or not
-    context = multiprocessing.get_context("fork" if alone else "spawn")
+    context = multiprocessing.get_context("fork" if alone else "forkserver")
+    if not alone:
+        context.set_forkserver_preload(MODULES)
     reports, theirs = context.Pipe(duplex=False)
-    whole = (os.getpid(), stderr, title, theirs, work, *arguments)
+    home = _Home(os.getpid(), dict(os.environ), stderr, title)
+    whole = (home, theirs, work, *arguments)
     process = context.Process(target=_be_role, args=whole, name=role, daemon=True)  # type: ignore[attr-defined]
     with nullcontext() if alone else _without_main():
         process.start()
@@ -175,7 +186,7 @@ def start_role(
 
 @contextmanager
 def _without_main() -> Iterator[None]:
-    """Let a process that is spawned not import the user's script, which may start a run itself."""
+    """Let a process of the fork server not import the user's script, which may start a run."""
     main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
     try:
         yield
@@ -183,9 +194,16 @@ def _without_main() -> Iterator[None]:
         sys.modules["__main__"] = main
 
 
-def _be_role(
-    parent: int, stderr: Path, title: str, reports: Connection, work: Any, *arguments: object
-) -> NoReturn:
+class _Home(NamedTuple):
+    """Where a role is at home: its launcher, environment, file of errors, title."""
+
+    launcher: int
+    environment: dict[str, str]
+    stderr: Path
+    title: str
+
+
+def _be_role(home: _Home, reports: Connection, work: Any, *arguments: object) -> NoReturn:
     """Do the work of a role in this process, report what came of it, and end the process."""
     code = 1
 
@@ -195,11 +213,11 @@ def _be_role(
             reports.send(parts)
 
     try:
-        _settle(parent, stderr, title)
+        _settle(home)
         report(done=work(report, *arguments))
         code = 0
     except KeyboardInterrupt as error:
-        report(fault=Fault(str(error) or f"{title.split()[1]} was interrupted"))
+        report(fault=Fault(str(error) or f"{home.title.split()[1]} was interrupted"))
         code = INTERRUPTED
     except (BusError, StreamFault, RecordingError) as error:
         lost = error.roles if isinstance(error, PeerLost) else ()
@@ -213,20 +231,21 @@ def _be_role(
         os._exit(code)  # at once: zenoh's threads may still call Python, which then aborts
 
 
-def _settle(parent: int, stderr: Path, title: str) -> None:
+def _settle(home: _Home) -> None:
     """Make this process one of its own: it ends with its launcher, and Ctrl-C in the launcher's
     terminal does not reach it, since the launcher ends the roles in order."""
     os.setsid()
     end_with_parent()
-    if os.getppid() != parent:
-        os._exit(1)
-    with open(os.devnull, "r+b") as nothing, stderr.open("wb") as errors:
+    os.kill(home.launcher, 0)  # raises if that has ended before
+    os.environ.clear()
+    os.environ.update(home.environment)  # the fork server may have another one
+    with open(os.devnull, "r+b") as nothing, home.stderr.open("wb") as errors:
         for number, file in enumerate((nothing, nothing, errors)):
             os.dup2(file.fileno(), number)
     # The caller may have replaced them, as pytest and notebooks do.
     sys.stdin, sys.stdout = open(0), open(1, "w")  # noqa: SIM115
     sys.stderr = open(2, "w", buffering=1)  # noqa: SIM115
-    setproctitle(title)
+    setproctitle(home.title)
     gc.freeze()  # the pages of what was loaded before a fork stay shared
     signal.set_wakeup_fd(-1)
     install_handlers()

@@ -6,6 +6,7 @@ import secrets
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from importlib import import_module
 from multiprocessing.connection import wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -16,6 +17,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.loop.announcement import versions_here
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.processes.child_process import (
+    MODULES,
     ChildProcess,
     Fault,
     Report,
@@ -77,7 +79,9 @@ class Launcher:
             self._folder, private = stack.enter_context(run_folder())
             self.endpoints = self.endpoints or private
             stack.callback(self._end_all)
-            _load()
+            for module in MODULES:
+                import_module(module)
+            versions_here()  # read from the disk, and kept
             with deferred():
                 for role in (RECORDER, CONTROLLER, PLANT):
                     if role != CONTROLLER or not self._options.controller:
@@ -236,15 +240,6 @@ class Launcher:
                 child.process.close()
             elif isinstance(child.process, Program):
                 child.process.kill()  # what it may have started
-
-
-def _load() -> None:
-    """Import what roles need, and read the versions that they state: forks then have them."""
-    import hertzloop.loop.controller_node
-    import hertzloop.loop.plant_node
-    import hertzloop.processes.roles  # noqa: F401
-
-    versions_here()
 
 
 def _play(

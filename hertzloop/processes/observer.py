@@ -1,6 +1,7 @@
 """Observe a run over the bus without being one of its roles.
 
-The bus drops what an observer does not take in time, so an observer never slows the run.
+It drops what its viewer does not take in time. An observer that hangs ends the run, after the
+timeout of the run.
 """
 
 import json
@@ -17,6 +18,7 @@ from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import PLANT
 
 _ENDS = f"end/{PLANT}"
+_MOST_WAITING = 1000  # blocks that are not shown yet
 _RETURNS_S = 2.0  # for a link that was closed to be there again: zenoh tries ten times a second
 
 
@@ -51,6 +53,10 @@ def truth_blocks(name: str, connect: Sequence[str], beside: bool = False) -> Ite
     inbox: queue.SimpleQueue[bytes | PeerLost | None] = queue.SimpleQueue()
     away: list[threading.Timer] = []  # of a plant that was there
 
+    def on_block(sample: zenoh.Sample) -> None:
+        if inbox.qsize() < _MOST_WAITING:
+            inbox.put(sample.payload.to_bytes())
+
     def on_life(sample: zenoh.Sample) -> None:
         while away:
             away.pop().cancel()
@@ -70,7 +76,9 @@ def truth_blocks(name: str, connect: Sequence[str], beside: bool = False) -> Ite
         root = f"hertzloop/{name}"
         living = zenoh.handlers.Callback(on_life, indirect=False)
         kept = [
-            joined.declare_subscriber(f"{root}/truth", lambda s: inbox.put(s.payload.to_bytes())),
+            joined.declare_subscriber(
+                f"{root}/truth", zenoh.handlers.Callback(on_block, indirect=False)
+            ),
             joined.declare_subscriber(f"{root}/{_ENDS}", lambda _: inbox.put(None)),
             joined.liveliness().declare_subscriber(f"{root}/alive/{PLANT}/*", living, history=True),
         ]

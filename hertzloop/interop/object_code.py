@@ -11,12 +11,11 @@ import llvmlite.binding as ll
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.core.registry import cpu_target
 from numba.extending import intrinsic
-from numba.np.arrayobj import make_array, populate_array
 
 from hertzloop.common.jit import kernel
+from hertzloop.common.jit.arrays import array_at
 
 # What a caller in C sees of a function f(a, b): int32_t f(void **result, void **fault, a, b), which
 # returns 0. There has to be room for a result, though it is none.
@@ -122,22 +121,3 @@ def _built(context: Any, builder: Any, kind: Any, table: Any, at: int) -> tuple[
         raise TypeError(f"{kind} has no place in a table of words")
     shape = [word(at + 1 + axis) for axis in range(kind.ndim)]
     return array_at(context, builder, kind, word(at), shape), at + 1 + kind.ndim
-
-
-def array_at(context: Any, builder: Any, kind: Any, address: Any, shape: list[Any]) -> Any:
-    """In generated code: memory that is there, at an address (a word), as a C array of type `kind`;
-    `shape`: words."""
-    size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
-    strides = [ir.Constant(ir.IntType(64), size)]
-    for length in reversed(shape[1:]):
-        strides.insert(0, builder.mul(strides[0], length))
-    array = make_array(kind)(context, builder)
-    populate_array(
-        array,
-        data=builder.inttoptr(address, array.data.type),
-        shape=cgutils.pack_array(builder, shape),
-        strides=cgutils.pack_array(builder, strides),
-        itemsize=ir.Constant(ir.IntType(64), size),
-        meminfo=None,
-    )
-    return array._getvalue()
