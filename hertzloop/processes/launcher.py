@@ -91,6 +91,7 @@ class Launcher:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._end_all()  # while signals are still counted
         self._in_use.close()
 
     def _start(self, role: str) -> None:
@@ -233,7 +234,8 @@ class Launcher:
                 if hurry or time.monotonic() > deadline:
                     break
                 time.sleep(0.01)
-        for child in self.children:
+        while self.children:
+            child = self.children.pop()
             if child.reports:
                 child.reports.close()
             if isinstance(child.process, BaseProcess) and child.process.exitcode is not None:
