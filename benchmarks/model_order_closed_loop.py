@@ -132,7 +132,7 @@ def _outcome(number: int, setup: Setup, keys: dict[str, Any], found: Verificatio
     yields, expected = spec.contact.limit is not None, model_error.expected_error(setup)
     return Outcome(
         scene=number,
-        contact="yields" if yields else f"e {setup.scene.contact.restitution:g}",
+        contact="yields" if yields else f"e {getattr(setup.scene.contact, 'restitution', 1.0):g}",
         law=setup.scene.controller.law,
         request=setup.run.accuracy,
         gap=found.penetration,

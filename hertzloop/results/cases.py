@@ -26,7 +26,7 @@ from hertzloop.results.statistics import extremes_of
 from hertzloop.results.whole_run import audible_modes, whole_run
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.plant_checks import check_conserves
+from hertzloop.scene.rules import check_conserves
 from hertzloop.scene.setup import Setup
 
 

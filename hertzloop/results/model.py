@@ -71,6 +71,6 @@ def structure_summary(setup: Setup) -> dict[str, Any]:
     if what.quality is None:
         plain = what.simply_supported is not None
         return {"name": "a simply supported plate" if plain else str(what), "closed_form": True}
-    modes = setup.scene.plate.modes
-    of_file = {} if what.mode_table is None else {"sha256": modes.sha256 if modes else ""}
+    modes = getattr(setup.scene.plate, "modes", None)
+    of_file = {} if modes is None else {"sha256": modes.sha256}
     return {"name": str(what), "closed_form": False, **what.quality, **of_file}

@@ -2,11 +2,12 @@
 
 import difflib
 import reprlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from hertzloop.common.readable import number
 
@@ -97,48 +98,70 @@ def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, 
     """The first problem of a scene, or of the table `within` it, checked against `model`, as one
     sentence. An unknown key comes first: it may be a missing one, misspelt."""
     problem = min(error.errors(), key=lambda one: one["type"] != "extra_forbidden")
-    path = tuple(str(p) for p in problem["loc"])
-    if problem["type"] == "extra_forbidden":
-        return unknown_key((*within, *path), list(table_at(path[:-1], model).model_fields))
-    keys = _field_path(path, model)
-    if problem["type"] == "missing" and keys == path:
-        return f"{'.'.join((*within, *path))}: is missing from the scene. Add it."
-    if problem["type"] == "value_error":
+    kind, value = problem["type"], problem["input"]
+    if kind == "value_error":
         return shortened(str(problem["ctx"]["error"]), LONGEST)
-    same = [p for p in error.errors() if tuple(map(str, p["loc"]))[: len(keys)] == keys]
-    field = table_at(keys[:-1], model).model_fields[keys[-1]]
-    return _refused((*within, *keys), problem["input"], same, field)
+    if kind == "extra_forbidden":
+        path, last = _keys(problem["loc"][:-1], model), str(problem["loc"][-1])
+        tables = tables_at(path, model)
+        if last not in fields_of(tables):
+            return unknown_key((*within, *path, last), list(fields_of(tables)))
+        table, key = ".".join((*within, *path)), ".".join((*within, *path, last))
+        beside = next(told(table, one) for one in tables if one.__name__ in problem["loc"])
+        other = next(told(table, one) for one in tables if last in one.model_fields)
+        remedy = "Leave one of them out." if other == key else f"Leave it out, or give {other}."
+        return f"{key} = {shown(value)}: has no effect beside {beside}. {remedy}"
+    keys = _keys(problem["loc"], model)
+    if kind == "missing" and keys[-1] == problem["loc"][-1]:
+        tables = tables_at(keys[:-1], model)
+        needs = {one for one in tables if fields_of([one]).get(keys[-1], _NONE).is_required()}
+        others = [f", or {told(keys[0], one)}" for one in tables if one not in needs]
+        return f"{'.'.join((*within, *keys))}: is missing from the scene. Add it{''.join(others)}."
+    same = [p for p in error.errors() if _keys(p["loc"], model) == keys]
+    field = fields_of(tables_at(keys[:-1], model))[keys[-1]]
+    return _refused((*within, *keys), value, same, field)
 
 
-def table_of(annotation: Any) -> Any:
-    """The table among the kinds that a key can have; itself if there is none."""
-    for kind in (annotation, *get_args(annotation)):
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            return kind
-        for inner in get_args(kind):
-            if isinstance(inner, type) and issubclass(inner, BaseModel):
-                return inner
-    return annotation
+_NONE = FieldInfo(default=None)
 
 
-def table_at(path: tuple[str, ...], model: type[BaseModel]) -> Any:
-    """The table at `path` of a scene. Raises KeyError or AttributeError without one."""
-    table: Any = model
+def told(name: str, table: Any) -> str:
+    """What makes the table `name` one of its kinds."""
+    key, value = table.TOLD_BY
+    return f"{name}.{key}" + (f" = '{value}'" if value else "")
+
+
+def tables_of(annotation: Any) -> list[type[BaseModel]]:
+    """The tables that a key can have: several of a table of several kinds, none of a value."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [table for inner in get_args(annotation) for table in tables_of(inner)]
+
+
+def tables_at(path: Sequence[str], model: type[BaseModel]) -> list[type[BaseModel]]:
+    """The table at `path` of a scene: one, several of a table of several kinds, none for a value.
+    Raises KeyError for what is no key."""
+    found = [model]
     for part in path:
-        table = table_of(table.model_fields[part].annotation)
-    return table
+        found = tables_of(fields_of(found)[part].annotation)
+    return found
 
 
-def _field_path(path: tuple[str, ...], model: type[BaseModel]) -> tuple[str, ...]:
-    """The part of an error's location that names scene keys, without union branches."""
-    for length in range(len(path), 0, -1):
-        try:
-            known = table_at(path[: length - 1], model).model_fields
-        except (KeyError, AttributeError):
-            continue
-        if path[length - 1] in known:
-            return path[:length]
-    return path
+def fields_of(tables: Iterable[type[BaseModel]]) -> dict[str, Any]:
+    """The keys of a table, of all its kinds."""
+    found: dict[str, Any] = {}
+    for table in tables:
+        found |= {key: field for key, field in table.model_fields.items() if key not in found}
+    return found
+
+
+def _keys(loc: Iterable[Any], model: type[BaseModel]) -> list[str]:
+    """The part of an error's location that names scene keys, without branches of unions."""
+    found: list[str] = []
+    for part in map(str, loc):
+        if part in fields_of(tables_at(found, model)):
+            found.append(part)
+    return found
 
 
 def bounds_of(field: Any) -> str:

@@ -3,7 +3,8 @@
 import ast
 import inspect
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -12,7 +13,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.scene.errors import bounds_of, table_of
+from hertzloop.scene.errors import bounds_of, fields_of, tables_of, told
 from hertzloop.scene.scene import Scene
 
 # Endings of names, longer ones first.
@@ -55,22 +56,34 @@ class Key:
 
 def keys() -> list[Key]:
     """All keys in the order of a scene's tables, those of shipped laws after the controller's."""
-    return list(_of_table(Scene, ""))
+    return list(_of_tables([Scene], ""))
 
 
-def _of_table(table: type[BaseModel], before: str) -> Iterator[Key]:
-    meanings = _docstrings(table)
-    for name, field in table.model_fields.items():
-        inner = table_of(field.annotation)
-        own = isinstance(inner, type) and issubclass(inner, BaseModel)
-        if own and not before and name != "materials":
-            yield from _of_table(inner, f"{name}.")
+def _of_tables(tables: list[type[BaseModel]], before: str) -> Iterator[Key]:
+    for name, field in fields_of(tables).items():
+        inner = tables_of(field.annotation)
+        if inner and not before and name != "materials":
+            yield from _of_tables(inner, f"{name}.")
             if name == "controller":
                 yield from _of_laws()
         else:
-            yield _key(before + name, field, meanings.get(name, ""))
+            having = [table for table in tables if name in table.model_fields]
+            meaning = _meaning(having[0], name)
+            found = _key(before + name, field, meaning)
+            if len(having) < len(tables):  # a key of one kind of the table
+                kind = told(before[:-1], having[0])
+                with_kind = meaning if kind == found.name else f"{meaning} (with {kind})"
+                default = "" if found.default == "needed" else found.default
+                found = replace(found, default=default, meaning=with_kind.replace("\n", " "))
+            yield found
 
 
+def _meaning(table: type[BaseModel], name: str) -> str:
+    """The docstring of a key, in the table or the one that it extends."""
+    return next(filter(None, (_docstrings(one).get(name) for one in table.__mro__[:2])), "")
+
+
+@cache
 def _docstrings(table: type[BaseModel]) -> dict[str, str]:
     """The docstrings of a table's keys. Pydantic would read them whenever it is imported."""
     (definition,) = ast.parse(inspect.getsource(table)).body

@@ -17,11 +17,11 @@ from hertzloop.controller.loading.registry import read_again, resolve
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.scene.attached_files import inline_files
 from hertzloop.scene.controller_table import switch_law
-from hertzloop.scene.errors import LONGEST, SceneError, sentence, shortened, shown
+from hertzloop.scene.errors import LONGEST, SceneError, fields_of, sentence, shortened, shown
 from hertzloop.scene.materials import expand_material
 from hertzloop.scene.scene import Scene
+from hertzloop.scene.tables import KINDS
 from hertzloop.scene.toml import parse_toml, toml_value
-from hertzloop.scene.unused_keys import drop_unused_keys
 
 DEFAULT = "aluminium-20mm"
 
@@ -39,6 +39,12 @@ def shipped_text(name: str) -> str:
 
 
 _DESCRIBED = {"sphere", "plate"}  # tables that the sentence `shows` speaks of
+# Keys that have no effect beside another, at one value or, by None, at any.
+_LOST = {
+    "sphere.speed_m_s": ("sphere.drop_height_m", None),
+    "plate.loss_factor": ("plate.material.loss_factor", None),
+    "contact.limiting_pressure_pa": ("contact.plasticity", "none"),
+}
 _OF_LAWS = (".py", ".so", ".dylib", ".fmu")
 
 
@@ -156,7 +162,10 @@ def change(
     Raises:
         SceneError: a key or a file cannot be.
     """
-    drop_unused_keys(data, values)
+    kinds = {name: base.kind_of(data.get(name)) for name, base in KINDS.items()}
+    for lost, (key, value) in _LOST.items():
+        if key in values and value in (None, values[key]):
+            _drop(data, {lost} - values.keys())
     if {key.partition(".")[0] for key in values} & _DESCRIBED:
         data.pop("shows", None)  # it was written for other bodies
     law, table = values.get("controller.law"), data.get("controller", {})
@@ -167,7 +176,19 @@ def change(
             raise SceneError(str(error)) from error
     for key, value in values.items():
         set_key(data, key, value)
+    for name, base in KINDS.items():
+        kind = base.kind_of(data.get(name))
+        if kind is not kinds[name]:
+            others = fields_of(base.kinds()).keys() - kind.model_fields.keys()
+            _drop(data, {f"{name}.{key}" for key in others} - values.keys())
     inline_files(data, Path())
+
+
+def _drop(data: dict[str, Any], keys: Iterable[str]) -> None:
+    for key in keys:
+        table, _, name = key.partition(".")
+        if isinstance(data.get(table), dict):
+            data[table].pop(name, None)
 
 
 def parse_setting(setting: str) -> tuple[str, Any]:

@@ -1,6 +1,6 @@
 """What collides, in SI units: sphere, structure, contact and actuator."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -17,7 +17,6 @@ from hertzloop.plant.contact.hertz import (
 )
 from hertzloop.plant.contact.yielding import YieldPressure, softer
 from hertzloop.plant.estimates.criteria import contact_radius_m, mean_pressure_pa
-from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Point
 from hertzloop.plant.structures.plate import Plate
@@ -26,7 +25,14 @@ from hertzloop.plant.structures.structure import Structure, compared_as
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.plant_tables import PlantTables
-from hertzloop.scene.tables import ContactTable, PlateTable, SphereTable
+from hertzloop.scene.tables import (
+    AnyPlate,
+    ContactTable,
+    HuntCrossleyContact,
+    RelaxingContact,
+    SizedPlate,
+    ViscousContact,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +104,14 @@ def resolve_mechanics(tables: PlantTables, knows_yield: bool) -> Mechanics:
     Raises:
         SceneError: a file of modes does not make a structure.
     """
-    theory = tables.plate.theory
+    theory = theory_of(tables.plate)
     make = maker(theory) if theory in STRUCTURES else None
     return _resolved(tables, knows_yield, make)
+
+
+def theory_of(plate: AnyPlate) -> str:
+    """The name of the kind of structure in STRUCTURES."""
+    return plate.theory if isinstance(plate, SizedPlate) else "modes"
 
 
 @lru_cache(maxsize=16)
@@ -111,13 +122,16 @@ def _resolved(tables: PlantTables, knows_yield: bool, make: Any) -> Mechanics:
         description = _describe_plate(plate, of_plate)
     except ValueError as error:
         raise SceneError(str(error)) from error
-    sphere = _sphere(tables.sphere, tables.sphere_material)
+    ball = tables.sphere
+    sphere = Sphere(
+        tables.sphere_material, ball.radius_m, ball.fall_m, ball.mass_kg, ball.given_speed_m_s
+    )
     weaker = softer(of_plate, sphere.material)
     contact, why_elastic = _contact(tables.contact, sphere, of_plate, weaker, knows_yield)
     rigid = rigid_impact(sphere, contact)
     actuator, (contact_point, actuator_point) = tables.actuator, plate.points_m
     try:
-        struck = structure("modes" if plate.modes else plate.theory, description)
+        struck = structure(theory_of(plate), description)
     except ValueError as error:
         raise SceneError(str(error)) from error
     return Mechanics(
@@ -139,27 +153,14 @@ def _resolved(tables: PlantTables, knows_yield: bool, make: Any) -> Mechanics:
     )
 
 
-def _describe_plate(table: PlateTable, material: Material) -> Description:
+def _describe_plate(table: AnyPlate, material: Material) -> Description:
+    about = Description(material, table.size_m, table.thickness_m)
+    if isinstance(table, SizedPlate):
+        return replace(about, loss_factor=table.loss_factor, edges=table.edges or "ssss")
     modes = table.modes
-    content = None if modes is None else unpack_modes(modes.file, modes.sha256, modes.content)
-    return Description(
-        material=material,
-        size_m=table.size_m,
-        thickness_m=table.thickness_m,
-        loss_factor=table.loss_factor,
-        edges=table.edges or "ssss",
-        modes=None if modes is None or content is None else (modes.file, content),
-        residual_flexibility_m_n=table.residual_flexibility_m_n,
-    )
-
-
-def _sphere(given: SphereTable, material: Material) -> Sphere:
-    """The sphere, with the height of a fall to its speed where the speed is given."""
-    height, speed = given.drop_height_m, given.speed_m_s
-    if height is None:
-        assert speed is not None  # a scene without either is refused
-        height = speed * speed / (2.0 * GRAVITY_M_S2)
-    return Sphere(material, given.radius_m, height, given.mass_kg, speed)
+    content = unpack_modes(modes.file, modes.sha256, modes.content)
+    flexibility = table.residual_flexibility_m_n
+    return replace(about, modes=(modes.file, content), residual_flexibility_m_n=flexibility)
 
 
 def _contact(
@@ -183,12 +184,12 @@ def _contact(
             pressure = weaker[1].pressure_pa
         limit = Limit(pressure, sphere.radius_m)
     damping: dict[str, Any] = {}
-    if table.damping == "viscous":
+    if isinstance(table, ViscousContact):
         damping = {"damping": Damping.VISCOUS, "viscous_n_s_m": table.viscous_n_s_m}
-    elif table.damping == "hunt_crossley":
+    elif isinstance(table, HuntCrossleyContact):
         d = hunt_crossley_parameter(table.restitution, sphere.impact_speed_m_s)
         damping = {"damping": Damping.HUNT_CROSSLEY, "hunt_crossley_s_m": d}
-    elif table.damping == "relaxation":
+    elif isinstance(table, RelaxingContact):
         damping = {
             "damping": Damping.RELAXATION,
             "relaxation_stiffness": table.relaxation_stiffness,

@@ -6,19 +6,19 @@ from hertzloop.plant.structures.materials import Material
 from hertzloop.scene.materials import find_material
 from hertzloop.scene.tables import (
     ActuatorTable,
+    AnyPlate,
+    AnySphere,
     ContactTable,
     MaterialTable,
-    PlateTable,
     Point,
-    SphereTable,
 )
 
 
 class PlantTables(NamedTuple):
     """The tables of a scene that make its plant, with the point of the sensor."""
 
-    sphere: SphereTable
-    plate: PlateTable
+    sphere: AnySphere
+    plate: AnyPlate
     contact: ContactTable
     actuator: ActuatorTable
     materials: tuple[MaterialTable, ...] | None

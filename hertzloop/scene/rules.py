@@ -1,15 +1,19 @@
 """What must hold between the keys of a scene: one row a rule."""
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 from hertzloop.common.readable import number
-from hertzloop.scene.errors import shown
+from hertzloop.plant.schemes.registry import SCHEMES, schemes_where
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
+from hertzloop.scene.errors import SceneError, shortened, shown
+from hertzloop.scene.materials import material_name
 from hertzloop.scene.quantities import SENSED
+from hertzloop.scene.tables import ActuatorTable, ModesPlate, ModesTable, SizedPlate
 
-if TYPE_CHECKING:
-    from hertzloop.scene.scene import Scene
-
+_DAMPING = ActuatorTable().damping
+_EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
 _MOST_STEPS = 20_000_000
 _NARROWEST = 1e-12  # range of a converter, in the unit of its quantity
 _NARROWEST_SHARE = 1e-6  # of its larger number; 24 bits of it are still told apart
@@ -18,89 +22,199 @@ _NARROWEST_SHARE = 1e-6  # of its larger number; 24 bits of it are still told ap
 class Rule(NamedTuple):
     """A rule between keys: the key that breaks it, when a scene does so, and what to say then.
 
-    `broken` returns None or False for a scene that keeps the rule; otherwise True, a value that the
-    sentence calls {x}, or, in a rule without a `key`, the key. The sentence follows "key = value: "
-    and may name the scene as {s}.
+    `broken` returns None or False for a scene that keeps the rule; otherwise True, or a value that
+    the sentence calls {x}; in a rule without a `key`, the key and such a value. The sentence comes
+    after "key = value: " and may name the scene as {s}.
     """
 
     key: str
-    broken: Callable[["Scene"], Any]
+    broken: Callable[[Any], Any]
     says: str
 
-    def problem(self, scene: "Scene") -> str:
+    def problem(self, scene: Any) -> str:
         """Return the sentence on a scene that breaks the rule, "" for another."""
         found = self.broken(scene)
         if found is None or found is False:
             return ""
-        key = self.key or found
-        value: Any = scene
-        for part in key.split("."):
-            value = getattr(value, part)
-        words = self.says.format(s=scene, x=found)
+        key, found = (self.key, found) if self.key else found
+        value, words = _value(scene, key), self.says.format(s=scene, x=found)
         return f"{key}: {words}" if value is None else f"{key} = {_shown(value)}: {words}"
+
+
+def _value(scene: Any, key: str) -> Any:
+    """The value of a key, None of one that the kind of the table does not have."""
+    table, _, name = key.partition(".")
+    return getattr(getattr(scene, table), name, None)
 
 
 def _shown(value: object) -> str:
     if isinstance(value, float):
         return number(value)
+    if isinstance(value, ModesTable):
+        value = value.file
     return shown(list(value) if isinstance(value, tuple) else value)
 
 
-def problem_of(scene: "Scene") -> str:
+def problem_of(scene: Any) -> str:
     """Return a sentence on the first rule that a scene breaks, "" if it keeps them all. Raises
     LawError."""
     return next(filter(None, (rule.problem(scene) for rule in RULES)), "")
 
 
-def _uneven(s: "Scene") -> str | None:
-    """A key that is not a whole number of steps."""
-    keys = [f"controller.{key}" for key in s.controller.whole_step_keys]
-    for key in (*keys, "actuator.dead_time_us"):
-        table, _, name = key.partition(".")
-        value = getattr(getattr(s, table), name) or 0.0
-        if abs(value * 1000 / s.run.step_ns - s.run.in_steps(value)) > 1e-9 * max(1.0, value):
-            return key
+def _fall_too_short(s: Any) -> float | None:
+    """Time to the contact, s, where a run with a touch phase does not begin in flight."""
+    fall_s, run = math.sqrt(2.0 * s.sphere.fall_m / GRAVITY_M_S2), s.run
+    in_flight = run.step_s <= run.lead_in_s < fall_s - run.step_s
+    return None if in_flight or run.touch_phase == _ORDINARY["run.touch_phase"][0] else fall_s
+
+
+def _places(s: Any) -> Iterator[tuple[str, list[float]]]:
+    """The points on a plate, in shares of its sides."""
+    for key in ("plate.contact_point_m", "plate.actuator_point_m", "sensors.point_m"):
+        point = _value(s, key)
+        if point is not None and isinstance(s.plate, SizedPlate):
+            yield key, [x / side for x, side in zip(point, s.plate.size_m, strict=True)]
+
+
+def _outside(s: Any) -> tuple[str, object] | None:
+    for key, shares in _places(s):
+        if not all(0.0 < share < 1.0 for share in shares):
+            return key, list(s.plate.size_m)
     return None
 
 
-def _acts_too_late(s: "Scene") -> bool:
+def _on_edge(s: Any) -> tuple[str, object] | None:
+    for key, shares in _places(s):
+        edges = s.plate.edges or "ssss"
+        for share, low, high in zip(shares, edges[::2], edges[1::2], strict=True):
+            if (share < _EDGE and low != "f") or (share > 1.0 - _EDGE and high != "f"):
+                return key, list(s.plate.size_m)
+    return None
+
+
+def _two_masses(s: Any) -> float | None:
+    given = s.sphere.material
+    return None if s.sphere.mass_kg is None or isinstance(given, str) else given.density_kg_m3
+
+
+def _yields_unknown(s: Any) -> str | None:
+    """The plate's material, if it has to yield and no number says where."""
+    contact, material = s.contact, s.plant_tables.plate_material
+    known = contact.limiting_pressure_pa or material.hardness_pa or material.yield_pa
+    if contact.plasticity != "thornton" or known:
+        return None
+    name = shortened(material_name(s.plate.material))
+    return f"plate.material = '{name}'" if name else "the plate's material"
+
+
+# Values of keys that every scheme and every model of the plate can have.
+_ORDINARY: dict[str, tuple[Any, ...]] = {
+    "run.touch_phase": (0.5,),
+    "contact.plasticity": ("none", "auto"),
+    **{
+        f"actuator.{key}": (field.default,)  # a later key is refused, too
+        for key, field in ActuatorTable.model_fields.items()
+        if key not in ("damping", "dead_time_us", "stuck_from_s")
+    },
+    "plate.tail": ("spring", "auto"),
+    "sensors.point_m": (None,),
+    "plate.modes": (None,),
+    "plate.edges": (None, "ssss"),
+    "plate.actuator_point_m": (None,),
+    "contact.damping": (),
+    "run.plate_model": ("auto", "modal"),
+    "run.duration_s": (),
+}
+# What needs no modes.
+_OF_INFINITE_PLATE = (
+    "run.plate_model",
+    "run.touch_phase",
+    "contact.damping",
+    "plate.edges",
+    "run.duration_s",
+)
+
+
+def _unsupported(s: Any) -> tuple[str, str] | None:
+    """A key that the scheme refuses, or an infinite plate does not have, and why."""
+    for key, ordinary in _ORDINARY.items():
+        value = _value(s, key)
+        at_contact = key == "plate.actuator_point_m" and value == s.plate.contact_point_m
+        if value in ordinary or at_contact:
+            continue
+        asked = ("steps", s.run.steps) if key == "run.duration_s" else (key, value)
+        if why := SCHEMES[s.run.scheme].refusal(*asked):
+            others = schemes_where(lambda row, asked=asked: row.accepts(*asked))
+            other = f", or use the scheme {others}" if others else ""
+            return key, (
+                f"run.scheme = '{s.run.scheme}', which {why}. Remove or change the key{other}."
+            )
+        if s.run.plate_model == "infinite" and key not in _OF_INFINITE_PLATE:
+            return key, (
+                "run.plate_model = 'infinite', which has no modes. Remove the key, or use "
+                "run.plate_model = 'auto'."
+            )
+    return None
+
+
+def check_conserves(scheme: str) -> None:
+    """Raise SceneError for a scheme that keeps neither energy nor momentum, on which metrics of
+    cases rest."""
+    if not SCHEMES[scheme].conserves:
+        raise SceneError(
+            f"run.scheme = '{scheme}': not supported here. "
+            f"Use {schemes_where(lambda row: row.conserves)}."
+        )
+
+
+def _uneven(s: Any) -> tuple[str, None] | None:
+    """A key that is not a whole number of steps."""
+    keys = [f"controller.{key}" for key in s.controller.whole_step_keys]
+    for key in (*keys, "actuator.dead_time_us"):
+        value = _value(s, key) or 0.0
+        if abs(value * 1000 / s.run.step_ns - s.run.in_steps(value)) > 1e-9 * max(1.0, value):
+            return key, None
+    return None
+
+
+def _acts_too_late(s: Any) -> bool:
     latency_us = s.controller.latency_us
     late = latency_us > 0.0 and s.run.in_steps(latency_us) + 1 >= s.run.steps
     return late and s.controller.has_law
 
 
-def _waits_twice(s: "Scene") -> bool:
+def _waits_twice(s: Any) -> bool:
     control = s.controller
     has_clock = control.clock_ppm != 0.0 or control.clock_phase != 0.0
     from_tick = control.latency_trace_from == "tick"
     return has_clock and control.latency_trace is not None and not from_tick
 
 
-def _without_fault(s: "Scene") -> bool:
+def _without_fault(s: Any) -> bool:
     beside = (value for key, value in s.sensors if key.startswith("fault_"))
     return s.sensors.fault is None and any(value is not None for value in beside)
 
 
-def _senses(s: "Scene") -> list[str]:
+def _senses(s: Any) -> list[str]:
     return [one.strip() for one in s.controller.loaded_law.senses.split(",")]
 
 
-def _senses_unknown(s: "Scene") -> str | None:
+def _senses_unknown(s: Any) -> str | None:
     return None if {*_senses(s)} <= {*SENSED, "any"} else s.controller.loaded_law.senses
 
 
-def _other_quantity(s: "Scene") -> str | None:
+def _other_quantity(s: Any) -> str | None:
     if "any" in _senses(s) or s.sensors.quantity in _senses(s):
         return None
     return " or ".join(f"'{one}'" for one in _senses(s))
 
 
-def _upside_down(s: "Scene") -> bool:
+def _upside_down(s: Any) -> bool:
     limits = s.sensors.full_scale
     return isinstance(limits, tuple) and not limits[0] < limits[1]
 
 
-def _narrow(s: "Scene") -> bool:
+def _narrow(s: Any) -> bool:
     limits = s.sensors.full_scale
     if not isinstance(limits, tuple):
         return False
@@ -109,6 +223,62 @@ def _narrow(s: "Scene") -> bool:
 
 # The first that is broken is reported.
 RULES = [
+    Rule(
+        "",
+        _outside,
+        "lies outside the plate. Give numbers above 0 and below plate.size_m = {x}.",
+    ),
+    Rule(
+        "",
+        _on_edge,
+        f"lies on a supported edge. Keep a distance of {_EDGE:g} of plate.size_m = {{x}}.",
+    ),
+    Rule(
+        "sphere.mass_kg",
+        _two_masses,
+        "sphere.material.density_kg_m3 = {x:g} gives the mass as well. Leave out sphere.mass_kg, "
+        "or name the material.",
+    ),
+    Rule("", _unsupported, "not supported by {x}"),
+    Rule(
+        "contact.plasticity",
+        _yields_unknown,
+        "the yield pressure of {x} is unknown. Give plate.material.yield_pa, "
+        "plate.material.hardness_pa or contact.limiting_pressure_pa, in Pa.",
+    ),
+    Rule(
+        "contact.limiting_pressure_pa",
+        lambda s: s.contact.limiting_pressure_pa is not None and s.contact.plasticity == "none",
+        "has no effect with contact.plasticity = 'none'. Leave the key out, or set "
+        "contact.plasticity = 'thornton'.",
+    ),
+    Rule(
+        "actuator.damping",
+        lambda s: s.actuator.bandwidth_hz is None and s.actuator.damping != _DAMPING,
+        "has no effect without actuator.bandwidth_hz. Leave the key out, or set it.",
+    ),
+    Rule(
+        "plate.tail",
+        lambda s: (
+            s.plate.tail == "damped"
+            and s.actuator.mass_kg is not None
+            and len({*s.plate.points_m}) == 1
+        ),
+        "not supported with actuator.mass_kg = {s.actuator.mass_kg:g} at the contact point. Use "
+        "'spring' or 'auto'.",
+    ),
+    Rule(
+        "sensors.point_m",
+        lambda s: s.sensors.point_m is not None and isinstance(s.plate, ModesPlate),
+        "plate.modes of {s.plate.modes.file} know points by their columns only. Remove the key, "
+        "and give the file a column shape_sensor.",
+    ),
+    Rule(
+        "run.touch_phase",
+        _fall_too_short,
+        "the run must begin in flight. Set run.lead_in_s (now {s.run.lead_in_s:g}) to at least a "
+        "step and less than the time to the contact, {x:.3g} s.",
+    ),
     Rule(
         "run.duration_s",
         lambda s: s.run.steps if not 1 <= s.run.steps <= _MOST_STEPS else None,

@@ -11,20 +11,20 @@ from hertzloop.controller.loading.registry import find
 from hertzloop.scene.controller_table import DEFAULT_LAW, ControllerTable, is_recorded, without_law
 from hertzloop.scene.errors import shown
 from hertzloop.scene.materials import check_materials
-from hertzloop.scene.plant_checks import plant_problems
 from hertzloop.scene.plant_tables import PlantTables
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.rules import problem_of
 from hertzloop.scene.tables import (
     ActuatorTable,
+    AnyContact,
+    AnyPlate,
+    AnySphere,
     ContactTable,
     FitTable,
     MaterialTable,
-    PlateTable,
     RunTable,
     SceneTable,
     SensorsTable,
-    SphereTable,
 )
 
 _LONGEST = 80  # letters of a name
@@ -50,9 +50,9 @@ class Scene(SceneTable):
     """what it is for, in a sentence"""
     materials: tuple[MaterialTable, ...] | None = None  # by name, beside those that come with it
     """a file of materials, or a list, beside those that come with it"""
-    sphere: SphereTable
-    plate: PlateTable
-    contact: ContactTable = ContactTable()
+    sphere: AnySphere
+    plate: AnyPlate
+    contact: AnyContact = ContactTable()
     sensors: SensorsTable = SensorsTable()
     controller: ControllerTable = ControllerTable()
     actuator: ActuatorTable = ActuatorTable()
@@ -116,10 +116,6 @@ class Scene(SceneTable):
 
     @model_validator(mode="after")
     def _fits_together(self, info: ValidationInfo) -> "Scene":
-        if not is_recorded(info) and (problem := _problem_of_plant(self) or problem_of(self)):
+        if not is_recorded(info) and (problem := problem_of(self)):
             raise ValueError(problem)
         return self
-
-
-def _problem_of_plant(scene: Scene) -> str:
-    return next(iter(plant_problems(scene.plant_tables, scene.run)), "")

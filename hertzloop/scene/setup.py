@@ -7,6 +7,7 @@ key share what does not depend on that key.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from hertzloop.controller.controller import SignalPath
@@ -72,7 +73,7 @@ class Setup:
         """Latency beyond the one step that cannot be avoided, us; of a trace, the least."""
         return _latency_us(self.run, self.signal_path)
 
-    @property
+    @cached_property
     def infinite_plate(self) -> InfinitePlate:
         """An infinite plate in the place of the modes, whether or not it is used."""
         return _infinite_plate(self.scene, self.mechanics, self.signal_path)

@@ -2,13 +2,25 @@
 
 import re
 from collections.abc import Callable
+from functools import reduce
+from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, WrapValidator, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    WrapValidator,
+    field_validator,
+    model_validator,
+)
 
 from hertzloop.common.number_fields import refuse_no_numbers
 from hertzloop.plant.schemes.registry import SCHEMES
+from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.registry import STRUCTURES, THEORIES
 from hertzloop.scene.errors import shown
 from hertzloop.scene.quantities import SENSED
@@ -101,62 +113,149 @@ else:
 
 Mass = Annotated[float, Field(ge=1e-9, le=1e4)]
 Speed = Annotated[float, Field(ge=1e-3, le=45.0)]
+Side = Annotated[float, Field(ge=0.01, le=20.0)]
+Thickness = Annotated[float, Field(ge=1e-5, le=1.0)]
 Radius = Annotated[float, Field(ge=1e-5, le=1.0)]
 
 
-class SphereTable(SceneTable):
-    """The falling sphere. `mass_kg` stands in for the density of its material, `speed_m_s` for
-    `drop_height_m`."""
+class Variant(SceneTable):
+    """One of several kinds of a table. A key of another kind is refused, unless it has its default
+    there. `TOLD_BY`: the key that makes a table this kind, and its value, None for any."""
+
+    TOLD_BY: ClassVar[tuple[str, str | None]]
+
+    @classmethod
+    def kinds(cls) -> tuple[type["Variant"], ...]:
+        """All kinds of this table, the one that a table is by default last."""
+        base = next(one for one in cls.__mro__ if Variant in one.__bases__)
+        return (*base.__subclasses__(), *([base] if hasattr(base, "TOLD_BY") else []))
+
+    @classmethod
+    def kind_of(cls, given: Any) -> type["Variant"]:
+        """Return the kind that a table, or plain data, is."""
+        for kind in cls.kinds():
+            key, told = kind.TOLD_BY
+            value = given.get(key) if isinstance(given, dict) else getattr(given, key, None)
+            if value is not None and told in (None, value):
+                return kind
+        return cls.kinds()[-1]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _drop_defaults(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        others = {key: field for kind in cls.kinds() for key, field in kind.model_fields.items()}
+        unsaid = {k for k, v in data.items() if k in others and v == others[k].default}
+        return {k: v for k, v in data.items() if k in cls.model_fields or k not in unsaid}
+
+
+def _any_of(base: type[Variant]) -> Any:
+    """A table of whichever kind it is told by."""
+    kinds = reduce(or_, (Annotated[kind, Tag(kind.__name__)] for kind in base.kinds()))
+    return Annotated[kinds, Discriminator(lambda given: base.kind_of(given).__name__)]
+
+
+class SphereTable(Variant):
+    """The falling sphere. `mass_kg` stands in for the density of its material."""
 
     material: MaterialKey = "steel"
     """sphere material: a name, or numbers"""
     radius_m: Radius
     """sphere radius"""
-    drop_height_m: Annotated[float, Field(ge=1e-7, le=100.0)] | None = None
-    """drop height of the lowest point of the sphere above the plate"""
     mass_kg: Mass | None = None
     """sphere mass; default: by the density of its material"""
-    speed_m_s: Speed | None = None
+
+
+class ThrownSphere(SphereTable):
+    """A sphere by its impact speed."""
+
+    TOLD_BY = "speed_m_s", None
+
+    speed_m_s: Speed
     """impact speed, in place of the drop height"""
 
+    @property
+    def fall_m(self) -> float:
+        """Height of a fall to the impact speed, m."""
+        return self.speed_m_s * self.speed_m_s / (2.0 * GRAVITY_M_S2)
 
-class PlateTable(SceneTable):
-    """The plate, the contact point and the actuator point (default: the contact point).
+    @property
+    def given_speed_m_s(self) -> float:
+        """The impact speed, m/s."""
+        return self.speed_m_s
 
-    `edges`: c, f or s, clamped, free or simply supported, at x = 0, x = l_x, y = 0, y = l_y.
-    `modes`: a file of modes that replaces the plate. It defines the structure, so that `size_m` and
-    `edges` have no effect and `contact_point_m` serves the picture only. `thickness_m` is that of
-    the plate at the contact point, if it is one; `residual_flexibility_m_n` is that of all modes
-    not in the file. `tail`: what stands for the truncated modes, a massless spring or one damped
-    mode; "auto" is "damped" where that is known. `theory`: Kirchhoff's thin plate, or a structure
-    of one's own.
-    """
+
+class DroppedSphere(SphereTable):
+    """A sphere by the height of its fall."""
+
+    TOLD_BY = "drop_height_m", None
+
+    drop_height_m: Annotated[float, Field(ge=1e-7, le=100.0)]
+    """drop height of the lowest point of the sphere above the plate"""
+
+    @property
+    def fall_m(self) -> float:
+        """Height of the fall, m."""
+        return self.drop_height_m
+
+    @property
+    def given_speed_m_s(self) -> None:
+        """No speed."""
+
+
+class PlateTable(Variant):
+    """The plate, or a file of modes in its place: contact point, actuator point (default: the
+    contact point), and what stands for the truncated modes (`tail`): a massless spring or one
+    damped mode; "auto" is "damped" where that is known."""
 
     material: MaterialKey
     """plate material: a name, or numbers"""
-    size_m: (
-        tuple[Annotated[float, Field(ge=0.01, le=20.0)], Annotated[float, Field(ge=0.01, le=20.0)]]
-        | None
-    ) = None
+    size_m: tuple[Side, Side] | None = None
     """plate length and width"""
-    thickness_m: Annotated[float, Field(ge=1e-5, le=1.0)] | None = None
+    thickness_m: Thickness | None = None
     """plate thickness"""
     contact_point_m: Point | None = None
     """contact point, measured from a corner"""
     actuator_point_m: Point | None = None
     """actuator point; default: the contact point"""
+    tail: Literal["spring", "damped", "auto"] = "auto"
+    """model of the truncated modes: massless spring or one damped mode; "auto": damped where
+    that is known"""
+
+    @property
+    def points_m(self) -> tuple[Point, Point]:
+        """Contact point and actuator point; the corner if a file of modes defines the structure."""
+        contact = self.contact_point_m or (0.0, 0.0)
+        return contact, self.actuator_point_m or contact
+
+
+class ModesPlate(PlateTable):
+    """A file of modes in the place of a plate. It defines the structure: `size_m` and
+    `contact_point_m` serve the picture only, and `thickness_m` is that of the plate at the contact
+    point, if it is one."""
+
+    TOLD_BY = "modes", None
+
+    modes: ModesTable
+    """file of modes that replaces the plate (CSV, Parquet, NPZ)"""
+    residual_flexibility_m_n: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    """static flexibility of the modes that are not in the file"""
+
+
+class SizedPlate(PlateTable):
+    """A plate by its sizes. `theory`: Kirchhoff's thin plate, or a structure of one's own."""
+
+    TOLD_BY = "size_m", None
+
+    size_m: tuple[Side, Side]
+    thickness_m: Thickness
+    contact_point_m: Point
     loss_factor: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     """loss factor of every mode; default: that of the material"""
     edges: str | None = None
     """edge conditions at x = 0, x = l_x, y = 0, y = l_y: c clamped, s simply supported, f free;
     default: ssss"""
-    modes: ModesTable | None = None
-    """file of modes that replaces the plate (CSV, Parquet, NPZ)"""
-    residual_flexibility_m_n: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
-    """static flexibility of the modes that are not in the file"""
-    tail: Literal["spring", "damped", "auto"] = "auto"
-    """model of the truncated modes: massless spring or one damped mode; "auto": damped where
-    that is known"""
     theory: TheoryName = "kirchhoff"
     """structure of these sizes: Kirchhoff's thin plate, or the name of your own structure"""
 
@@ -171,15 +270,10 @@ class PlateTable(SceneTable):
             )
         return value
 
-    @property
-    def points_m(self) -> tuple[Point, Point]:
-        """Contact point and actuator point; the corner if a file of modes defines the structure."""
-        contact = self.contact_point_m or (0.0, 0.0)
-        return contact, self.actuator_point_m or contact
 
+class ContactTable(Variant):
+    """The contact; without damping, or of one of the kinds below.
 
-class ContactTable(SceneTable):
-    """Damping inside the contact; `relaxation_*` are s_tau (N/m^1.5), tau (s) and the solve.
     `plasticity` "thornton": the contact yields where the pressure reaches the limiting one, between
     1.6 times the softer body's yield strength and its hardness; left out, it is that hardness, or
     2.8 times the yield strength of a material that has no hardness. "auto": "thornton" where the
@@ -187,19 +281,10 @@ class ContactTable(SceneTable):
     where it would not, where the plate's strength is not known, beside contact damping, and where
     the scheme knows no yield."""
 
+    TOLD_BY = "damping", "none"
+
     damping: Literal["none", "viscous", "hunt_crossley", "relaxation"] = "none"
     """damping model of the contact"""
-    viscous_n_s_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """viscous damping constant; the damper also pulls while the bodies separate"""
-    restitution: Annotated[float, Field(ge=1e-3, le=1.0)] = 1.0
-    """coefficient of restitution of Hunt-Crossley damping on a massive body, at the speed of the
-    first impact; later, slower impacts are damped less"""
-    relaxation_stiffness: Annotated[float, Field(ge=0.0, le=1e15)] = 0.0
-    """stiffness s_tau of relaxation damping, N/m^1.5"""
-    relaxation_s: Annotated[float, Field(ge=1e-9, le=1e3)] = 1e-3
-    """time constant of relaxation damping"""
-    relaxation_solve: Literal["published", "bracketed"] = "bracketed"
-    """solver of relaxation damping: the published iteration or a bracketed one"""
     plasticity: Literal["none", "thornton", "auto"] = "auto"
     """plasticity of the contact: none, or the model of Thornton; "auto": Thornton where the first
     impact would pass first yield"""
@@ -207,6 +292,47 @@ class ContactTable(SceneTable):
     """limiting contact pressure at yield"""
     stiffness_factor: Annotated[float, Field(ge=1e-2, le=1e2)] | None = None
     """factor on the stiffness of Hertz's contact, as of a fit; 1 if left out"""
+
+
+class ViscousContact(ContactTable):
+    """A dashpot beside the contact."""
+
+    TOLD_BY = "damping", "viscous"
+
+    viscous_n_s_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
+    """viscous damping constant; the damper also pulls while the bodies separate"""
+
+
+class HuntCrossleyContact(ContactTable):
+    """Damping in proportion to the elastic force."""
+
+    TOLD_BY = "damping", "hunt_crossley"
+
+    restitution: Annotated[float, Field(ge=1e-3, le=1.0)] = 1.0
+    """coefficient of restitution of Hunt-Crossley damping on a massive body, at the speed of the
+    first impact; later, slower impacts are damped less"""
+
+
+class RelaxingContact(ContactTable):
+    """A second contact stiffness that relaxes; `relaxation_*` are s_tau, tau and the solve."""
+
+    TOLD_BY = "damping", "relaxation"
+
+    relaxation_stiffness: Annotated[float, Field(ge=0.0, le=1e15)] = 0.0
+    """stiffness s_tau of relaxation damping, N/m^1.5"""
+    relaxation_s: Annotated[float, Field(ge=1e-9, le=1e3)] = 1e-3
+    """time constant of relaxation damping"""
+    relaxation_solve: Literal["published", "bracketed"] = "bracketed"
+    """solver of relaxation damping: the published iteration or a bracketed one"""
+
+
+KINDS = {"sphere": SphereTable, "plate": PlateTable, "contact": ContactTable}
+if TYPE_CHECKING:
+    AnySphere = DroppedSphere | ThrownSphere
+    AnyPlate = SizedPlate | ModesPlate
+    AnyContact = ContactTable | ViscousContact | HuntCrossleyContact | RelaxingContact
+else:
+    AnySphere, AnyPlate, AnyContact = map(_any_of, KINDS.values())
 
 
 class SensorsTable(SceneTable):

@@ -6,7 +6,7 @@ from typing import Any, get_args
 from hertzloop.controller.law import WHOLE_STEPS
 from hertzloop.controller.loading.registry import read_again
 from hertzloop.scene.controller_table import law_key
-from hertzloop.scene.errors import table_at
+from hertzloop.scene.errors import fields_of, tables_at
 from hertzloop.scene.loading import change, validate_scene
 from hertzloop.scene.scene import Scene
 
@@ -71,8 +71,8 @@ def resolution_of(scene: Scene, key: str) -> float:
             return scene.run.step_us
     else:
         try:
-            kind = table_at(tuple(path), Scene).model_fields[last].annotation
-        except (KeyError, AttributeError):
+            kind = fields_of(tables_at(path, Scene))[last].annotation
+        except KeyError:
             return 0.0
     kinds = {kind, *get_args(kind)}
     kinds |= {inner for outer in kinds for inner in get_args(outer)}

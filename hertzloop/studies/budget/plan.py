@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.plant_checks import check_conserves
+from hertzloop.scene.rules import check_conserves
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, Goal, parse_goal
 from hertzloop.studies.budget.quantities import QUANTITIES

@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import Any, get_args
 
 from hertzloop.results.touch_phases import TOUCH_PHASE_KEY, phases
-from hertzloop.scene.plant_checks import check_conserves
+from hertzloop.scene.rules import check_conserves
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.axis import DesignError, as_axis, axes_from

@@ -10,7 +10,7 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.results.cases import OBJECTIVES
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.plant_checks import check_conserves
+from hertzloop.scene.rules import check_conserves
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.axis import Axis, DesignError, axes_from
 from hertzloop.studies.cases.design import Design

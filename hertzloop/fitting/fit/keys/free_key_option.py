@@ -9,6 +9,7 @@ from hertzloop.fitting.fit.errors import FitError
 from hertzloop.fitting.fit.keys.free_keys import PRESSURE_KEY, FreeKey
 from hertzloop.fitting.fit.keys.key_scope import is_control_key
 from hertzloop.fitting.records.chain_keys import FILTERS, WITHOUT_CONTROL
+from hertzloop.scene.errors import fields_of, tables_at
 from hertzloop.scene.key_value import value_of_key
 from hertzloop.scene.setup import Setup
 
@@ -122,8 +123,8 @@ def _parse_prior(text: str, prior: str, start: float) -> float:
 
 
 def _table_keys(setup: Setup, table: str) -> Mapping[str, Any]:
-    """The keys of a table of the scene; none of a table that does not exist."""
-    return getattr(type(getattr(setup.scene, table, None)), "model_fields", {})
+    """The keys of a table of the scene, of all its kinds; none of a table that does not exist."""
+    return fields_of(tables_at([table], type(setup.scene))) if hasattr(setup.scene, table) else {}
 
 
 def _refuse_without_influence(setup: Setup, key: str) -> None:
