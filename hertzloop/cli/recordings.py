@@ -61,7 +61,7 @@ def inspect(
     """
     from hertzloop.results.inspection import inspected
     from hertzloop.views.inspection import print_inspection
-    from hertzloop.views.inspection_json import summary
+    from hertzloop.views.run_json import inspection_as_json
 
     outputs.check_json(json_file, law_file)
     recording = read(file)
@@ -69,7 +69,7 @@ def inspect(
         _write_law(recording, law_file, overwrite)
     found = inspected(recording)
     print_inspection(out, found, details)
-    outputs.write_json(json_file, summary(found))
+    outputs.write_json(json_file, inspection_as_json(found))
     if found.problems:
         raise typer.Exit(1)
 

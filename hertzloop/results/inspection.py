@@ -49,7 +49,14 @@ class Inspected:
     @property
     def seed(self) -> int:
         """Random seed of the run; 0 if it is not recorded."""
-        return number_of(self.recording, "seed")
+        return self.number("seed")
+
+    def number(self, key: str) -> int:
+        """Return a number from the description of the run; 0 if there is none."""
+        try:
+            return int(self.recording.metadata.get(key, "0"))
+        except ValueError:
+            return 0
 
 
 def inspected(
@@ -135,11 +142,3 @@ def _contradiction(truth: SampledStream, setup: Setup) -> str:
     if truth.samples and lacking:
         return f"stream 'truth' has no {', '.join(sorted(lacking))}"
     return ""
-
-
-def number_of(recording: Recording, key: str) -> int:
-    """Return a number from the description of the run; 0 if there is none."""
-    try:
-        return int(recording.metadata.get(key, "0"))
-    except ValueError:
-        return 0

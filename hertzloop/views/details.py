@@ -1,7 +1,7 @@
-"""Facts of a run beside its metrics, one row each: the table of `--details`, and `--json`."""
+"""Facts of a run beside its metrics, one row each, for `--details` and `--json`."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from hertzloop.bus.messages_pb2 import EnergyBalance
@@ -9,6 +9,7 @@ from hertzloop.common.readable import quantity
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results import model
 from hertzloop.results.assessed_run import RunReport
+from hertzloop.results.inspection import Inspected
 from hertzloop.results.statistics import ActuatorDemand
 from hertzloop.scene.controller import mean_latency_us
 from hertzloop.scene.setup import Setup
@@ -21,17 +22,18 @@ class RunFact(NamedTuple):
 
     Attributes:
         key: Its name in `--json`; "" for words alone.
-        of: Its value.
+        of: Its value, of a recording as inspected, or of a run.
         row: Its row in the table of details; "" for `--json` alone.
         words: Its value in words; zero, None and what is empty have none.
     """
 
     key: str
-    of: Callable[[RunReport], Any]
+    of: Callable[[Any], Any]
     row: str = ""
     words: Callable[[Any], str] = str
 
 
+_ROWS = ("run", "time", "plate", "contact", "actuator", "residuals")
 _LANES = {
     "JOINED": "in the fast lane",
     "NOT_STATED": "over the bus; the controller knows of no fast lane",
@@ -41,22 +43,38 @@ _LANES = {
 }
 
 
+def recorded_table(found: Inspected) -> Table:
+    """Return the table of the facts that a recording has."""
+    return _table([(fact, fact.of(found)) for fact in RECORDED])
+
+
 def run_table(report: RunReport) -> Table:
     """Return the table of a run's facts, in six rows."""
-    rows: dict[str, list[str]] = {}
-    for fact in FACTS:
-        value = fact.of(report)
-        words = fact.words(value) if value and fact.row else ""
-        rows.setdefault(fact.row, []).extend([words] if words else [])
+    recorded = [(fact, fact.of(report.inspected)) for fact in RECORDED]
+    return _table([*recorded, *((fact, fact.of(report)) for fact in OF_RUN)])
+
+
+def _table(facts: Iterable[tuple[RunFact, Any]]) -> Table:
+    rows: dict[str, list[str]] = {row: [] for row in _ROWS}
+    for fact, value in facts:
+        if value and fact.row and (words := fact.words(value)):
+            rows[fact.row].append(words)
     table = Table("", "", show_header=False)
-    for heading in filter(None, rows):
-        table.add_row(heading, "; ".join(rows[heading]) or "none")
+    for heading, said in rows.items():
+        if said:
+            table.add_row(heading, "; ".join(said))
     return table
+
+
+def recorded_as_json(found: Inspected) -> dict[str, Any]:
+    """Return the facts that a recording has by their names in `--json`."""
+    return {fact.key: fact.of(found) for fact in RECORDED if fact.key}
 
 
 def facts_as_json(report: RunReport) -> dict[str, Any]:
     """Return the facts of a run by their names in `--json`."""
-    return {fact.key: fact.of(report) for fact in FACTS if fact.key}
+    own = {fact.key: fact.of(report) for fact in OF_RUN if fact.key}
+    return recorded_as_json(report.inspected) | own
 
 
 def fallback_words(fallbacks: int) -> str:
@@ -137,18 +155,40 @@ def _modes_words(balance: EnergyBalance) -> str:
     )
 
 
+def _of_balance(name: str) -> Callable[[Inspected], Any]:
+    return lambda found: getattr(found.recording.balance, name, None)
+
+
+def _demand(found: Inspected) -> ActuatorDemand | None:
+    return found.assessment.result.metrics.demand if found.assessment else None
+
+
 # fmt: off
-FACTS = (
-    RunFact("scene", lambda r: r.setup.scene.name, "run"),
-    RunFact("seed", lambda r: r.setup.run.seed),
-    RunFact("", lambda r: f"seed {r.setup.run.seed}", "run"),
+RECORDED = (
+    RunFact("scene", lambda i: i.recording.metadata.get("scene", ""), "run"),
+    RunFact("seed", lambda i: i.seed),
+    RunFact("", lambda i: f"seed {i.seed}", "run"),
+    RunFact("", lambda i: law_line(i.law), "run", "law {}".format),
+    RunFact("note", lambda i: i.recording.note),
+    RunFact("recording", lambda i: str(i.recording.path)),
+    RunFact("steps", lambda i: i.number("steps"), "time", "{:,} steps".format),
+    RunFact("frequencies", _of_balance("frequencies")),
+    RunFact("frequency_limit_hz", _of_balance("frequency_limit_hz")),
+    RunFact("", lambda i: i.recording.balance, "plate", _modes_words),
+    RunFact("newton_iterations_max", _of_balance("newton_iterations_max"), "contact",
+            "at most {} rounds of Newton's method a step".format),
+    RunFact("newton_fallbacks", _of_balance("newton_fallbacks"), "contact", fallback_words),
+    RunFact("yield", lambda i: i.yielded and vars(i.yielded), "contact", yield_words),
+    RunFact("", _demand, "actuator", demand_words),
+    RunFact("residuals", lambda i: i.recording.balance and {
+                "momentum": i.recording.balance.momentum_residual,
+                "energy": i.recording.balance.energy_residual,
+            }, "residuals", "energy {0[energy]:.1e}, momentum {0[momentum]:.1e} (relative)".format),
+)
+OF_RUN = (
     RunFact("transport", lambda r: r.transport, "run"),
-    RunFact("", lambda r: law_line(r.inspected.law), "run", "law {}".format),
     RunFact("scheme", lambda r: r.setup.run.scheme),
     RunFact("", lambda r: SCHEMES[r.setup.run.scheme].note, "run"),
-    RunFact("note", lambda r: r.inspected.recording.note),
-    RunFact("recording", lambda r: str(r.inspected.recording.path)),
-    RunFact("steps", lambda r: r.setup.run.steps, "time", "{:,} steps".format),
     RunFact("wall_s", lambda r: r.wall_s, "time", "{:.4g} s of wall time".format),
     RunFact("real_time_factor",
             lambda r: r.setup.run.duration_s / r.wall_s if r.wall_s else math.inf,
@@ -161,25 +201,12 @@ FACTS = (
             "real-time profile: {}".format),
     RunFact("struck", lambda r: model.structure_summary(r.setup), "plate", lambda s: s["name"]),
     RunFact("model", lambda r: model.plate_model(r.setup), "plate", _plate_words),
-    RunFact("frequencies", lambda r: r.balance.frequencies),
-    RunFact("frequency_limit_hz", lambda r: r.balance.frequency_limit_hz),
-    RunFact("", lambda r: r.balance, "plate", _modes_words),
     RunFact("truncated_modes", lambda r: model.truncated_modes(r.setup), "plate",
             lambda found: "one damped mode for the rest"),
-    RunFact("newton_iterations_max", lambda r: r.balance.newton_iterations_max, "contact",
-            "at most {} rounds of Newton's method a step".format),
-    RunFact("newton_fallbacks", lambda r: r.balance.newton_fallbacks, "contact", fallback_words),
     RunFact("limiting_pressure", lambda r: model.limiting_pressure(r.setup), "contact",
             pressure_words),
     RunFact("", lambda r: r.setup.mechanics.why_elastic, "contact",
             "elastic: {}".format),
-    RunFact("yield", lambda r: r.inspected.yielded and vars(r.inspected.yielded), "contact",
-            yield_words),
-    RunFact("", lambda r: r.assessment.result.metrics.demand, "actuator", demand_words),
     RunFact("mean_latency_us", lambda r: mean_latency(r.setup), "actuator", _mean_latency_words),
-    RunFact("residuals", lambda r: {"momentum": r.balance.momentum_residual,
-                                    "energy": r.balance.energy_residual}, "residuals",
-            lambda found: f"energy {found['energy']:.1e}, momentum {found['momentum']:.1e} "
-                          "(relative)"),
 )
 # fmt: on

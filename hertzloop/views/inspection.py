@@ -6,7 +6,7 @@ from rich.text import Text
 from hertzloop.loop.run_options import LONGEST_NOTE
 from hertzloop.recordings.recording import Recording, SampledStream
 from hertzloop.results.inspection import Inspected
-from hertzloop.views.details import demand_words, yield_words
+from hertzloop.views.details import recorded_table
 from hertzloop.views.effects import OUT_OF_RANGE, neglected_lines, warning_lines
 from hertzloop.views.format import Table, print_all, unwrapped
 from hertzloop.views.impacts_table import impacts_table
@@ -54,12 +54,10 @@ def print_inspection(console: Console, found: Inspected, details: bool = False) 
 
 
 def _details(found: Inspected) -> list[Text | Table]:
-    """Return streams, impacts, noise metrics, actuator demand, yield and neglected effects."""
+    """Return streams, impacts, further metrics, facts of the run and neglected effects."""
     recording, assessed = found.recording, found.assessment
-    scene = recording.metadata.get("scene", "")
-    table = Table(title=f"{recording.path}: scene {scene}, seed {found.seed}")
-    for heading in ("stream", "messages", "samples", "fields"):
-        table.add_column(heading, justify="left" if heading in ("stream", "fields") else "right")
+    table = Table("stream", right=("messages", "samples"), title=str(recording.path))
+    table.add_column("fields")
     for name, stream in streams_of(recording):
         counts = (f"{stream.messages:,}", f"{stream.samples:,}")
         table.add_row(f"/{name}", *counts, ", ".join(sorted(stream.arrays)))
@@ -68,27 +66,13 @@ def _details(found: Inspected) -> list[Text | Table]:
     if recording.others:
         pieces.append(Text(f"Ignored: {recording.others:,} messages of other topics."))
     if assessed is None:
-        pieces.append(impacts_table("Impacts", []))
-    else:
-        metrics, known = assessed.result.metrics, assessed.predictability
-        why_not = why_not_words(known.not_repeatable)
-        pieces.append(impacts_table("Impacts", metrics.by_impact, known.controlled, why_not))
-        if metrics.noise:
-            pieces.append(metrics_table(assessed.result, assessed.rows, details=True))
-        if metrics.demand:
-            pieces.append(Text(f"Actuator demand: {demand_words(metrics.demand)}."))
-    if found.yielded:
-        pieces.append(Text(f"Yield: {yield_words(vars(found.yielded))}."))
-    pieces.append(Text(f"Law: {law_line(found.law)}."))
-    if recording.balance is not None:
-        pieces.append(
-            Text(
-                f"Energy residual {recording.balance.energy_residual:.1e}, "
-                f"momentum {recording.balance.momentum_residual:.1e} (relative)."
-            )
-        )
-    checks = assessed.result.metrics.neglected.checks if assessed else ()
-    return [*pieces, *neglected_lines(checks)]
+        return [*pieces, impacts_table("Impacts", []), recorded_table(found)]
+    metrics, known = assessed.result.metrics, assessed.predictability
+    why_not = why_not_words(known.not_repeatable)
+    pieces.append(impacts_table("Impacts", metrics.by_impact, known.controlled, why_not))
+    if metrics.noise:
+        pieces.append(metrics_table(assessed.result, assessed.rows, details=True))
+    return [*pieces, recorded_table(found), *neglected_lines(metrics.neglected.checks)]
 
 
 def _note_line(note: str) -> Text:

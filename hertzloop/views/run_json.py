@@ -1,4 +1,4 @@
-"""A run as plain data, which `--json` writes."""
+"""A run or a recording as plain data, which `--json` writes."""
 
 from collections.abc import Iterable
 from dataclasses import asdict, is_dataclass
@@ -13,8 +13,9 @@ from hertzloop.results.metrics import Metrics
 from hertzloop.results.predictability import Predictability
 from hertzloop.results.recorded import Pacing
 from hertzloop.results.verification import Verification
-from hertzloop.views.details import facts_as_json
+from hertzloop.views.details import facts_as_json, recorded_as_json
 from hertzloop.views.effects import out_of_range
+from hertzloop.views.inspection import streams_of
 from hertzloop.views.law_line import why_not_words
 from hertzloop.views.verdict import verdict_sentences
 
@@ -134,3 +135,30 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         found = report.verification
         data["verification"] = None if found is None else verification_as_json(found)
     return data
+
+
+def inspection_as_json(found: Inspected) -> dict[str, Any]:
+    """Return everything that `inspect --json` writes."""
+    recording = found.recording
+    return {
+        "out_of_range": out_of_range_as_json(found.assessment),
+        "complete": not found.problems,
+        "problems": list(found.problems),
+        **recorded_as_json(found),
+        "streams": {
+            name: {
+                "messages": stream.messages,
+                "samples": stream.samples,
+                "fields": sorted(stream.arrays),
+            }
+            for name, stream in streams_of(recording)
+        },
+        "other_messages": recording.others,
+        "unchecked_parts": recording.unchecked,
+        "events": [
+            {"time_s": e.time_ns * 1e-9, "name": e.name, "message": e.message}
+            for e in recording.events
+        ],
+        "scene_toml": recording.scene_toml,
+        **assessment_as_json(found),
+    }

@@ -15,7 +15,7 @@ from hertzloop.bus.streams import ROLES
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.inspection import inspected
-from hertzloop.views.inspection_json import summary
+from hertzloop.views.run_json import inspection_as_json
 from tests.hertzloop.commands import child_of, grown_to, leftovers, start, wait_for
 
 LAUNCHER = "launcher"
@@ -201,7 +201,7 @@ def _judge_recording(fault: Fault, recording: Path, done_at: float, outcome: Out
         if not (fault.starting and recording.exists() and recording.stat().st_size == 0):
             outcome.wrong.append(f"unreadable: {error}")
         return
-    if summary(inspected(kept))["complete"]:
+    if inspection_as_json(inspected(kept))["complete"]:
         outcome.wrong.append("said to be complete")
     interrupted = (fault.victim == LAUNCHER and fault.how != "kill") or may_go_on(fault)
     told = set(kept.ends) == {"plant", "controller"} and "interrupted" in kept.result.get(

@@ -34,7 +34,7 @@ from hertzloop.recordings.repair import repair
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.inspection import inspected
 from hertzloop.views.inspection import print_inspection
-from hertzloop.views.inspection_json import summary
+from hertzloop.views.run_json import inspection_as_json
 from tests.faults import page
 from tests.recordings.rewriting import record
 from tests.tables import markdown
@@ -204,7 +204,7 @@ def looked_at(path: Path, original: Recording, shown: bool) -> Recording | None:
         found, text = inspected(kept), io.StringIO()
         print_inspection(Console(file=text, width=500), found)
         complete = not kept.problems
-        assert ("Complete" in text.getvalue()) == summary(found)["complete"] == complete
+        assert ("Complete" in text.getvalue()) == inspection_as_json(found)["complete"] == complete
     same = first_difference(original, kept) is None
     assert same == (first_difference(kept, original) is None)
     if same:

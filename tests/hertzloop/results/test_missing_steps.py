@@ -4,7 +4,7 @@ import pytest
 
 from hertzloop.recordings.reader import read
 from hertzloop.results.inspection import inspected
-from hertzloop.views.inspection_json import summary
+from hertzloop.views.run_json import inspection_as_json
 from tests.commands import call
 from tests.recordings.rewriting import record, rewrite
 
@@ -24,8 +24,8 @@ def without_block(whole, tmp_path, number):
 def test_the_first_impact_is_known_if_no_step_is_missing_until_it_is_over(
     whole, tmp_path, number, known
 ):
-    complete = summary(inspected(read(whole)))
-    found = summary(inspected(read(without_block(whole, tmp_path, number))))
+    complete = inspection_as_json(inspected(read(whole)))
+    found = inspection_as_json(inspected(read(without_block(whole, tmp_path, number))))
     assert complete["first_impact"]
     assert complete["whole_run"]
     assert found["first_impact"] == (complete["first_impact"] if known else None)
