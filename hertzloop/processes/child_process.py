@@ -114,7 +114,8 @@ def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
     A process that failed for a reason of its own explains it: one that was killed, then the first
     that reports a fault. For example, if the controller is killed and plant and recorder report
     that they lost it, the cause is "controller was killed by SIGKILL". If no process has a reason
-    of its own, the first that missed another one explains it; that one hangs if it still runs.
+    of its own, a role that still runs hangs, and the first one that missed it explains the failure;
+    if none runs, the first one that missed another does.
 
     Args:
         children: The processes of the run.
@@ -133,8 +134,10 @@ def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
                 return next((fault.sentence for fault in told), reason)
             return reason
     faults = [child.fault for child in failed if child.fault]
-    first = next((fault for fault in faults if fault.lost), faults[0])
-    if hung := [child.role for child in children if child.running and child.role in first.lost]:
+    running = {child.role for child in children if child.running}
+    missing = [fault for fault in faults if running & {*fault.lost}]
+    first = next(iter([*missing, *(fault for fault in faults if fault.lost), *faults]))
+    if hung := running & {*first.lost}:
         hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
         return not_responding(hung, first.sentence, hangs if CONTROLLER in hung else "")
     return first.sentence
@@ -234,6 +237,7 @@ def _be_role(home: _Home, reports: Connection, work: Any, *arguments: object) ->
 def _settle(home: _Home) -> None:
     """Make this process one of its own: it ends with its launcher, and Ctrl-C in the launcher's
     terminal does not reach it, since the launcher ends the roles in order."""
+    setproctitle(home.title)  # before the environment, next to which the system keeps it
     os.setsid()
     end_with_parent()
     os.kill(home.launcher, 0)  # raises if that has ended before
@@ -245,7 +249,6 @@ def _settle(home: _Home) -> None:
     # The caller may have replaced them, as pytest and notebooks do.
     sys.stdin, sys.stdout = open(0), open(1, "w")  # noqa: SIM115
     sys.stderr = open(2, "w", buffering=1)  # noqa: SIM115
-    setproctitle(home.title)
     gc.freeze()  # the pages of what was loaded before a fork stay shared
     signal.set_wakeup_fd(-1)
     install_handlers()

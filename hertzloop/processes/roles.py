@@ -38,9 +38,9 @@ _COMPLETION_S = 60.0  # for the recorder to close its file, at least
 # For an interrupted role to end in order, before the launcher kills it, and for the controller to
 # leave.
 _PATIENCE_S = 4.0
-# The controller waits longer than the plant, and the recorder still longer, in timeouts: a role
-# that is kept from going on can say so before the others miss it.
-_LONGER, _LONGEST = 1.5, 2.0
+# In timeouts: how long the roles wait for a message. A message that is not accepted is given up
+# after one; so a role that is kept from going on can say why before the others miss it.
+_WAITS = {PLANT: 1.25, CONTROLLER: 1.5, RECORDER: 2.0}
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def run_plant(
     with _joined(address, PLANT, options) as port:
         exchange = ExchangeOptions(
             max_exchange_steps=options.horizon,
-            timeout_s=options.timeout_s,
+            timeout_s=_WAITS[PLANT] * options.timeout_s,
             wait_s=address.wait_s,
             shared_memory=options.fast_lane,
             every_s=0.0 if options.pace else EVERY_S,
@@ -182,7 +182,7 @@ def run_controller(
         on_ready()
         try:
             with profile.loop(lambda: node.samples):
-                busy_s = _answer_all(node, address.wait_s, _LONGER * options.timeout_s)
+                busy_s = _answer_all(node, address.wait_s, _WAITS[CONTROLLER] * options.timeout_s)
         except (StreamFault, BusError, KeyboardInterrupt) as error:
             interrupted = isinstance(error, KeyboardInterrupt)
             sentence = "the controller was interrupted" if interrupted else str(error)
@@ -266,7 +266,7 @@ def run_recorder(
                         _hear_scene(port, recorder)
                         raise
                     if envelope.stream in ("force", "end/controller", "end/plant"):
-                        patience_s = _LONGEST * options.timeout_s
+                        patience_s = _WAITS[RECORDER] * options.timeout_s
                     if envelope.stream.startswith("end/"):
                         port.liveliness.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()

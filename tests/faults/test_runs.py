@@ -97,5 +97,7 @@ def test_who_gave_up_is_not_to_blame_for_leaving():
 def test_a_role_that_does_not_react_hangs():
     blocked = ended("plant", "nobody took a message", "recorder")
     told = ended("controller", "the plant ended the run")
-    hung = cause(blocked, told, running=("recorder",))
-    assert hung == "recorder does not respond; nobody took a message"
+    said = "recorder does not respond; nobody took a message"
+    assert cause(blocked, told, running=("recorder",)) == said
+    misses = ended("controller", "nothing from the plant", "plant", at_s=-1.0)
+    assert cause(blocked, misses, running=("recorder",)) == said

@@ -60,7 +60,7 @@ def test_another_last_bit_is_named():
 # The other guards: test_exchange_guards, and the checker of streams in tests/bus.
 RULES = {
     "gap": "gap on stream 'force': sequence 6 came, 4 was expected",
-    "late": "controller does not respond; plant waited 5 s for the force for step",
+    "late": "controller does not respond; plant waited 6.25 s for the force for step",
     "dies": "failed with exit code 3",
     "exit-code": "failed with exit code 4",
     "by-the-cut": "a horizon of 100 steps: the controller's force of step",
