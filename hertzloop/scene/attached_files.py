@@ -16,7 +16,7 @@ from hertzloop.controller.loading.registry import find
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.structures.mode_file import SUFFIXES, read_modes
 from hertzloop.scene.errors import LONGEST, SceneError, quoted_path, shortened
-from hertzloop.scene.latency_trace.reading import latencies_of_file
+from hertzloop.scene.latency_trace import latencies_of_file
 from hertzloop.scene.materials import read_materials
 
 _MOST_BYTES = 64 << 20  # of an unpacked file of modes

@@ -110,7 +110,7 @@ def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, 
         beside = next(told(table, one) for one in tables if one.__name__ in problem["loc"])
         other = next(told(table, one) for one in tables if last in one.model_fields)
         remedy = "Leave one of them out." if other == key else f"Leave it out, or give {other}."
-        return f"{key} = {shown(value)}: has no effect beside {beside}. {remedy}"
+        return f"{key} = {shown(value)}: has no effect with {beside}. {remedy}"
     keys = _keys(problem["loc"], model)
     if kind == "missing" and keys[-1] == problem["loc"][-1]:
         tables = tables_at(keys[:-1], model)

@@ -56,7 +56,7 @@ def test_what_is_recorded_is_the_same_scene(name):
             ["controller.lead_us=3", "controller.law=predicted"],
             "are: kappa, v_thr_m_s, window",
         ),
-        (["contact.restitution=0.5"], "beside contact.damping = 'none'. Leave it out"),
+        (["contact.restitution=0.5"], "with contact.damping = 'none'. Leave it out"),
         (["actuator.damping=0.3", "actuator.mass_kg=0.01"], "without actuator.bandwidth_hz. Leave"),
     ],
 )

@@ -1,1 +1,0 @@
-"""Latencies by sample (`controller.latency_trace`): from a file of a measurement."""
