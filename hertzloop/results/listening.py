@@ -76,9 +76,9 @@ def _shapes_of(setup: Setup, omega_max: float) -> tuple[np.ndarray, np.ndarray, 
         )
     x, y, shapes = table.grid
     below = table.omega_rad_s <= omega_max
-    per_mass = table.per_modal_mass_1_kg[below]
-    same = bool(len(per_mass)) and bool(np.all(per_mass == per_mass[0]))
-    return x, y, shapes[below] * (1.0 if same else np.sqrt(per_mass)[:, None, None])
+    per_mass = table.per_modal_mass_1_kg
+    same = bool(np.all(per_mass == per_mass[0]))  # as in `ModalStructure`
+    return x, y, shapes[below] * (1.0 if same else np.sqrt(per_mass[below])[:, None, None])
 
 
 def _half_wave_m(structure: Structure, omega_max: float) -> float:

@@ -238,7 +238,7 @@ class ModesPlate(PlateTable):
     TOLD_BY = "modes", None
 
     modes: ModesTable
-    """file of modes that replaces the plate (CSV, Parquet, NPZ)"""
+    """file of modes that replaces the plate (CSV, NPZ)"""
     residual_flexibility_m_n: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     """static flexibility of the modes that are not in the file"""
 

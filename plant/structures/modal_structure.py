@@ -93,29 +93,46 @@ class ModalStructure(Structure):
 
     def modes_below(self, frequency_hz: float) -> float:
         """How many modes the file has up to a frequency."""
-        return float(np.count_nonzero(self.mode_table.omega_rad_s <= 2.0 * math.pi * frequency_hz))
+        return float(self._count(2.0 * math.pi * frequency_hz))
+
+    def _count(self, omega_max: float) -> int:
+        return int(np.searchsorted(self.mode_table.omega_rad_s, omega_max, side="right"))
+
+    @cached_property
+    def _every_mode(self) -> tuple[Modes, np.ndarray]:
+        """All modes, and their shapes at the sensor. Where masses differ they are in the shapes."""
+        table = self.mode_table
+        seen = table.shape_contact if table.shape_sensor is None else table.shape_sensor
+        shapes = [table.shape_contact, table.shape_actuator, seen]
+        eta, scales = table.loss_factor, table.per_modal_mass_1_kg
+        one_eta, one_scale = (bool(np.all(values == values[0])) for values in (eta, scales))
+        if not one_scale:
+            shapes = [shape * np.sqrt(scales) for shape in shapes]
+        largest = max(np.abs(shape).max() for shape in shapes[:2])
+        modes = Modes(
+            table.omega_rad_s,
+            float(eta[0]) if one_eta else eta,
+            float(scales[0]) if one_scale else 1.0,
+            shapes[0],
+            shapes[1],
+            NO_PARTICIPATION * float(largest),
+        )
+        return modes, shapes[2]
 
     def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
         """The modes up to `omega_max` rad/s."""
-        table, below = self.mode_table, self.mode_table.omega_rad_s <= omega_max
-        omega, eta = table.omega_rad_s[below], table.loss_factor[below]
-        contact, actuator = table.shape_contact[below], table.shape_actuator[below]
-        per_mass = table.per_modal_mass_1_kg[below]
-        scale = 1.0
-        if len(omega) and np.all(per_mass == per_mass[0]):
-            scale = float(per_mass[0])
-        else:
-            contact, actuator = contact * np.sqrt(per_mass), actuator * np.sqrt(per_mass)
-        one_eta = bool(len(eta)) and bool(np.all(eta == eta[0]))
-        largest = max(np.abs(contact).max(initial=0.0), np.abs(actuator).max(initial=0.0))
-        return Modes(
-            omega,
-            float(eta[0]) if one_eta else eta,
-            scale,
-            contact,
-            actuator,
-            NO_PARTICIPATION * float(largest),
+        of, count = self._every_mode[0], self._count(omega_max)
+        return replace(
+            of,
+            omega=of.omega[:count],
+            eta=of.eta[:count] if isinstance(of.eta, np.ndarray) else of.eta,
+            at_contact=of.at_contact[:count],
+            at_actuator=of.at_actuator[:count],
         )
+
+    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
+        """Shapes at the sensor; the file says where it is, not the points."""
+        return self._every_mode[1][: self._count(omega_max)]
 
     def sensor_at(
         self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
@@ -133,19 +150,6 @@ class ModalStructure(Structure):
         if seen is None:
             return self
         return replace(self, mode_table=replace(self.mode_table, shape_actuator=seen))
-
-    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
-        """Shapes at the sensor; the file says where it is, not the points."""
-        seen = (
-            self.mode_table.shape_contact
-            if self.mode_table.shape_sensor is None
-            else (self.mode_table.shape_sensor)
-        )
-        below = self.mode_table.omega_rad_s <= omega_max
-        per_mass = self.mode_table.per_modal_mass_1_kg[below]
-        if len(per_mass) and np.all(per_mass == per_mass[0]):
-            return seen[below]
-        return np.asarray(seen[below] * np.sqrt(per_mass))
 
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
         """Static flexibility of all modes above `omega_max`, m/N: those of the file and what is

@@ -7,11 +7,6 @@ import pytest
 from benchmarks import infinite_plate as study
 
 SEEDS = range(1, 11)
-# How long it does is an estimate, fitted on random scenes: what share of them may miss a request,
-# and by what factor at most. Of the energy, two works that cancel where the actuator takes what
-# the contact gives, more is asked than of the motion.
-MISSED = 0.05
-WORST_MOTION, WORST_ENERGY = 1.05, 4.5
 
 
 @pytest.fixture(scope="module")
@@ -31,9 +26,8 @@ def test_requests_are_met_on_random_scenes(found):
     motion = known([(max(o.gap_error, o.rebound_error), o.request) for o in offered])
     gap = known([(o.gap_error, o.request) for o in offered])
     energy = known([(o.energy_error, o.request) for o in offered])
-    for errors, worst in ((gap, WORST_MOTION), (motion, WORST_MOTION), (energy, WORST_ENERGY)):
+    for errors in (gap, motion, energy):
         assert len(errors) > 80
-        assert sum(error > 1.0 for error in errors) <= MISSED * len(errors), errors[-9:]
-        assert errors[-1] <= worst
-    # It is not offered less than it could be by far: where errors matter some come close.
-    assert sum(error > 0.2 for error in gap) > 0.2 * len(gap)
+        assert errors[-1] <= 1.0
+    # It is not offered less than it could be by far: some come close.
+    assert sum(error > 0.1 for error in gap) > 0.1 * len(gap)

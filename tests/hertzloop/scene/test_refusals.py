@@ -53,7 +53,7 @@ REFUSED = {
         "plate.material={young_pa=1e11}": "plate.material.density_kg_m3 is missing",
         "materials=none.toml": "materials = 'none.toml': cannot be read",
         "plate.modes=none.csv": "plate.modes = 'none.csv': cannot be read: there is no such file",
-        "plate.modes=none.txt": "unknown format. Use a file that ends in .csv, .parquet, .npz",
+        "plate.modes=none.txt": "unknown format. Use a file that ends in .csv, .npz",
         "plate.residual_flexibility_m_n=1e-9": "or give plate.modes.",
         "plate.edges=ccc": "plate.edges = 'ccc': must be four letters, for the edges",
         "sensors.bits=12.5": "must be a whole number or 'ideal'. Give a value from",
