@@ -177,18 +177,6 @@ class PlantSpec:
         return self.plate.local_plate
 
 
-def common_fields(spec: PlantSpec) -> dict[str, Any]:
-    """The fields that sphere and contact decide in the model of any scheme, by name."""
-    sphere, contact = spec.sphere, spec.contact
-    return {
-        "mass_kg": sphere.mass_kg,
-        "gravity_m_s2": GRAVITY_M_S2,
-        "stiffness": contact.stiffness,
-        "viscous_n_s_m": contact.viscous_n_s_m,
-        "hunt_crossley_s_m": contact.hunt_crossley_s_m,
-    }
-
-
 NO_IMPEDANCE = (
     "the impedance of an infinite plate is not known for plate.modes alone; give "
     "plate.thickness_m, if the structure is a plate at the contact point"

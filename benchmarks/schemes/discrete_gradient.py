@@ -14,11 +14,11 @@ import numpy as np
 from benchmarks.schemes import discrete_gradient_kernels
 from benchmarks.schemes.discrete_gradient_kernels import DiscreteModel
 from hertzloop.plant.lanes import aligned
-from hertzloop.plant.plant import Plant, common_fields
+from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.modal import poles_of
 from hertzloop.plant.schemes.modal_kernels import BALANCE_SIZE, ModalState
 from hertzloop.plant.schemes.registry import SCHEMES, Scheme
-from hertzloop.plant.state_kernels import BODY_SIZE, COUNTS_SIZE
+from hertzloop.plant.state_kernels import BODY_SIZE, COUNTS_SIZE, GRAVITY_M_S2
 from hertzloop.plant.structures.linear import linear_of
 
 NAME = "discrete_gradient"
@@ -41,13 +41,17 @@ class DiscreteGradientPlant(Plant):
     kernels: Any = discrete_gradient_kernels
 
     def _build_model(self) -> DiscreteModel:
-        structure = poles_of(self.spec, self.modes)
+        structure, contact = poles_of(self.spec, self.modes), self.spec.contact
         return DiscreteModel(
             step_s=self.spec.step_s,
             linear=linear_of(structure, self.spec.step_s),
             actuator=len(structure.drive) - 1,
             damped=bool(np.any(structure.poles.real < 0.0)),
-            **common_fields(self.spec),
+            mass_kg=self.spec.sphere.mass_kg,
+            gravity_m_s2=GRAVITY_M_S2,
+            stiffness=contact.stiffness,
+            viscous_n_s_m=contact.viscous_n_s_m,
+            hunt_crossley_s_m=contact.hunt_crossley_s_m,
         )
 
     def _empty_state(self) -> ModalState:

@@ -1,5 +1,6 @@
 """One case of a sweep: a scene simulated in one compiled call, and its metrics."""
 
+import hashlib
 import math
 from dataclasses import dataclass
 from enum import StrEnum
@@ -12,9 +13,7 @@ import numpy as np
 
 from hertzloop.controller.law import ACTING
 from hertzloop.loop.simulate import LawStopped, SimulatedRun
-from hertzloop.plant.metrics.fingerprint_kernels import fingerprint
 from hertzloop.plant.metrics.impacts import Impact
-from hertzloop.plant.metrics.truth_kernels import all_finite, first_of
 from hertzloop.results.effects import EffectState, names_by_state
 from hertzloop.results.facts import Level, described, fact, facts_of
 from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of
@@ -155,18 +154,20 @@ OBJECTIVES = tuple(name for name, one in CASE_FACTS.items() if one.less_is_bette
 
 
 def digest_of(truth: np.ndarray, samples: np.ndarray) -> str:
-    """Fingerprint of truth, shape (10, steps), and samples (values, or codes): 32 hex
-    digits, the same for the same bits."""
-    first, second = fingerprint(truth.view(np.uint64), samples.view(np.uint64))
-    return f"{first:016x}{second:016x}"
+    """Digest of truth, shape (10, steps), and samples (values, or codes): 32 hex digits, the same
+    for the same bits."""
+    digest = hashlib.blake2b(digest_size=16)
+    for values in (*truth, samples):
+        digest.update(np.ascontiguousarray(values))
+    return digest.hexdigest()
 
 
 def latched_us(setup: Setup, run: SimulatedRun) -> float:
     """The first delay that the law of a run latched, us; nan of one that latches none."""
-    first = first_of(run.modes, ACTING) if loaded_law(setup).latches else -1
-    if first < 0:
+    acting = np.flatnonzero(run.modes == ACTING)
+    if not len(acting) or not loaded_law(setup).latches:
         return math.nan
-    return float(run.delays[first]) * setup.sensor.every_steps * setup.run.step_ns / 1000
+    return float(run.delays[acting[0]]) * setup.sensor.every_steps * setup.run.step_ns / 1000
 
 
 def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
@@ -185,7 +186,7 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
         _bounded(setup, error.truth)
         raise
     found = _bounded(setup, run.truth)
-    if not (all_finite(run.truth) and math.isfinite(run.balance.energy_residual)):
+    if not (np.isfinite(run.truth).all() and math.isfinite(run.balance.energy_residual)):
         raise CaseFailed("the run has numbers that are not finite; its metrics would say nothing")
     metrics, impacts, end = _metrics(setup, span, run.truth)
     left_out = _left_out(setup, run.truth[:, :end], [one.impact for one in impacts])

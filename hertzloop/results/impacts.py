@@ -14,7 +14,6 @@ from hertzloop.plant.metrics import impact_kernels
 from hertzloop.plant.metrics.impact_kernels import END
 from hertzloop.plant.metrics.impacts import Impact, contacts, noise_inputs, part_of
 from hertzloop.plant.metrics.noise import ImpactNoise, impact_noise
-from hertzloop.plant.metrics.truth_kernels import ImpactSteps
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.structures.modes import Oscillators
@@ -101,10 +100,10 @@ def _impact(
     over = start + int(lasts.counts[END])
     # The next impact counts with its first step.
     rows = truth[:, start - lead : min(over + _BEHIND, following + 1)]
-    part = part_of(spec, modes, rows, ImpactSteps(lead, over - start, first_step=start - lead))
-    if not part.known:
+    part = part_of(spec, modes, rows, slice(lead, lead + over - start), start - lead)
+    if part.impact is None:
         return None
-    impact, end = part.impact(spec.step_s), start + part.touching
+    impact, end = part.impact, start + part.touching
     noise = impact_noise(spec, modes, noise_inputs(impact, part.drive, part.speed_max_m_s))
     contact_n = truth[F_C, start:end]
     return ImpactMetrics(start, end, over, contact_n, end < steps, impact, noise)

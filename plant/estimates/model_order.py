@@ -100,35 +100,6 @@ def damper_error(
     return _DAMPER_FACTOR * damper * flexibility / rigid.contact_s
 
 
-def held_error(
-    sphere: Sphere, contact: Contact, share: float, hold_s: float, *, damped: bool
-) -> float:
-    """Estimated error of the plate energy, relative to itself, from an actuator that answers the
-    contact with a `share` of its force, held for `hold_s`, above what the modes can carry."""
-    lasts_s = rigid_impact(sphere, contact).contact_s
-    factor = _HELD_DAMPED if damped else _HELD_SPRING
-    return factor * share * (hold_s / lasts_s) ** 2
-
-
-def jump_error(
-    sphere: Sphere,
-    plate: Structure,
-    contact: Contact,
-    frequency_limit_hz: float,
-    force_n: float,
-    *,
-    damped: bool,
-) -> float:
-    """Estimated error of gap or plate energy, relative, from an actuator's force that is switched
-    on and off at `force_n`, from leaving out all modes above a limit."""
-    rigid = rigid_impact(sphere, contact)
-    jump = force_n / rigid.peak_n
-    gap = _JUMP * jump * expected_error(sphere, plate, contact, frequency_limit_hz)
-    if damped:
-        return gap
-    return max(gap, _JUMP_SPRING * jump**2 / (frequency_limit_hz * rigid.contact_s))
-
-
 def law_error(spec: PlantSpec, force_n: float, share: float, hold_s: float) -> float:
     """Estimated error of gap or plate energy, relative, from the steps of a law's force.
 
@@ -138,14 +109,16 @@ def law_error(spec: PlantSpec, force_n: float, share: float, hold_s: float) -> f
         share: largest force over the contact force; of a law without a largest force.
         hold_s: time between two samples, over which a force is held.
     """
-    switched, limit_hz = force_n < math.inf, spec.frequency_limit_hz
-    bandwidth_hz = spec.actuator.bandwidth_hz or math.inf
+    parts, damped = (spec.sphere, spec.plate, spec.contact), spec.damped_residual
+    rigid, limit_hz = rigid_impact(spec.sphere, spec.contact), spec.frequency_limit_hz
+    switched, bandwidth_hz = force_n < math.inf, spec.actuator.bandwidth_hz or math.inf
     rounded = min(1.0, (bandwidth_hz / (limit_hz if switched else 1.0 / hold_s)) ** 2)
-    if switched:
-        parts = (spec.sphere, spec.plate, spec.contact)
-        return jump_error(*parts, limit_hz, rounded * force_n, damped=spec.damped_residual)
-    share = rounded * min(share, 1.0)
-    return held_error(spec.sphere, spec.contact, share, hold_s, damped=spec.damped_residual)
+    if not switched:
+        factor = _HELD_DAMPED if damped else _HELD_SPRING
+        return factor * (rounded * min(share, 1.0)) * (hold_s / rigid.contact_s) ** 2
+    jump = rounded * force_n / rigid.peak_n
+    gap = _JUMP * jump * expected_error(*parts, limit_hz)
+    return gap if damped else max(gap, _JUMP_SPRING * jump**2 / (limit_hz * rigid.contact_s))
 
 
 def expected_error(

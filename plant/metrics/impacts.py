@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.plant.contact.yielding import dents_m, elastic_n
-from hertzloop.plant.metrics import truth_kernels
+from hertzloop.plant.metrics import spectrum_kernels, truth_kernels
 from hertzloop.plant.metrics.noise import NoiseInputs, spectra_of
-from hertzloop.plant.metrics.truth_kernels import METRICS, ImpactSteps
+from hertzloop.plant.metrics.truth_kernels import METRICS
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.modal import (
     impedance_n_s_m,
@@ -19,9 +19,9 @@ from hertzloop.plant.schemes.modal import (
 )
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
-from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, XI, XI_P
+from hertzloop.plant.time_series import DEEPEST, F_A, F_A1, F_C, F_C1, V_P, XI, XI_P
 
-_FEW_EDGES = 64  # starts and ends of contacts; of a run with more they are counted first
+_FEW_STEPS = 2  # no contact is read from so few
 # Means F_0 and first moments F_1 of x^0 ... x^3 over the steps [-1, 0] and [0, 1], where over
 # each step F is F_0 + F_1 P, P from -1 to 1: F_1 is 3 times the mean of F P.
 _POWERS = np.arange(4)
@@ -57,12 +57,8 @@ class Impact:
 
 def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     """First steps of the contacts, and of what follows them; none after one that is cut off."""
-    edges = np.empty(_FEW_EDGES, np.int64)
-    count = truth_kernels.edges_of(f_c, edges)
-    if count > len(edges):
-        edges = np.empty(count, np.int64)
-        truth_kernels.edges_of(f_c, edges)
-    return edges[:count:2].tolist(), edges[1:count:2].tolist()
+    edges = np.flatnonzero(np.diff(f_c != 0.0, prepend=False)).tolist()
+    return edges[::2], edges[1::2]
 
 
 def impact_of(metrics: np.ndarray, step_s: float, work_j: float) -> Impact:
@@ -108,20 +104,13 @@ def peak_speed_m_s(speed_m_s: np.ndarray) -> float:
 
 
 class ImpactPart(NamedTuple):
-    """What `read_impact` finds and writes."""
+    """A contact (None where there is too little of it) and how many steps it has; the largest speed
+    of the plate (m/s) and the drive of the oscillators (N s) until the impact is over."""
 
-    known: bool
-    start: int
-    until: int
+    impact: Impact | None
     touching: int
     speed_max_m_s: float
-    metrics: np.ndarray
-    work_j: np.ndarray
     drive: np.ndarray
-
-    def impact(self, step_s: float) -> Impact:
-        """The contact that is known, with the work on the plate that belongs to it."""
-        return impact_of(self.metrics, step_s, float(self.work_j[self.start : self.until].sum()))
 
 
 def noise_inputs(impact: Impact, drive: np.ndarray, plate_speed_max_m_s: float) -> NoiseInputs:
@@ -138,22 +127,27 @@ def noise_inputs(impact: Impact, drive: np.ndarray, plate_speed_max_m_s: float) 
 
 
 def part_of(
-    spec: PlantSpec, modes: Oscillators, truth: np.ndarray, steps: ImpactSteps
+    spec: PlantSpec, modes: Oscillators, truth: np.ndarray, own: slice, first_step: int
 ) -> ImpactPart:
-    """Read steps of an impact from truth, shape (COLUMNS, steps); see `read_impact`."""
-    metrics, drive = np.empty(METRICS), np.empty(len(modes.omega), complex)
-    work, speeds = np.empty((2, truth.shape[1]))
-    known, start, until, touching, speed_max = truth_kernels.read_impact(
-        _columns(spec, truth),
-        steps,
-        _reading(spec),
-        spectra_of(modes, spec.step_s),
-        metrics,
-        work,
-        speeds,
-        drive,
-    )
-    return ImpactPart(known, start, until, touching, speed_max, metrics, work, drive)
+    """Read an impact from truth, shape (COLUMNS, steps), from step `first_step` of the run on.
+
+    `own`: the steps of the impact, the first in contact; one before it and some after it may be
+    there as well.
+    """
+    starts, ends = contacts(truth[F_C])
+    f_c, f_c1, f_a, f_a1, v_p = truth[[F_C, F_C1, F_A, F_A1, V_P], own]
+    drive = np.empty(len(modes.omega), complex)
+    spectrum_kernels.drive(f_c, f_c1, -1.0, f_a, f_a1, spectra_of(modes, spec.step_s), drive)
+    touching = int(np.argmin(np.append(f_c != 0.0, False)))
+    metrics, found = np.empty(METRICS), None
+    if starts and truth.shape[1] > _FEW_STEPS:
+        start, end = starts[0], ends[0] if ends else -1
+        columns, by = _columns(spec, truth), _reading(spec)
+        if truth_kernels.contact_metrics(columns, first_step, start, end, by, metrics):
+            until = starts[1] if len(starts) > 1 else truth.shape[1]
+            work_j = step_work_j(spec, truth)[start:until].sum()
+            found = impact_of(metrics, spec.step_s, float(work_j))
+    return ImpactPart(found, touching, float(truth_kernels.largest(v_p)), drive)
 
 
 @lru_cache(maxsize=16)
@@ -207,7 +201,7 @@ def impacts_in(spec: PlantSpec, truth: np.ndarray) -> list[Impact]:
     """
     starts, ends = contacts(truth[F_C])
     size = truth.shape[1]
-    if size < 3 or not starts:
+    if size <= _FEW_STEPS or not starts:
         return []
     columns, by, work = _columns(spec, truth), _reading(spec), step_work_j(spec, truth)
     metrics, found = np.empty(METRICS), []

@@ -1,4 +1,4 @@
-"""Compiled passes over a run's samples: arrays (steps,), for the metrics of impacts and spectra."""
+"""Compiled passes over a run's steps, arrays (steps,), for the metrics of impacts."""
 
 import math
 from typing import NamedTuple
@@ -6,73 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.common.jit import kernel
-from hertzloop.plant.metrics.spectrum_kernels import drive, nonzero
+from hertzloop.plant.metrics.spectrum_kernels import nonzero
 
-# Indices into the sums and counts of `exchanged`.
-INJECTED, MOST, FED, LARGEST, LAST_PUSH, LAST_PLACE = range(6)  # J, J, J, N, N, m
-SUMS = 6
-NEXT, SINCE, HELD = range(3)  # steps, -1 for none; whether a last row waits for the next
-COUNTS = 3
 _WHOLE = 4  # steps that a contact has at least, for two whole ones beside each other
-
-
-@kernel(inline=True)
-def _largest_sum(a, b):
-    """Largest |a| + |b|; zero where one is no number."""
-    most = 0.0
-    for i in range(a.size):
-        size = abs(a[i]) + abs(b[i])
-        if not size <= most:
-            if math.isnan(size):
-                return 0.0
-            most = size
-    return most
-
-
-@kernel
-def extremes(f_c, f_c1, f_a, f_a1, xi_p):
-    """Largest contact force and force of the actuator within the steps, and largest displacement of
-    the struck point, all without sign."""
-    return _largest_sum(f_c, f_c1), _largest_sum(f_a, f_a1), largest(xi_p)
-
-
-@kernel
-def exchanged(first, pushed, moved, bound_j, sums, counts):
-    """Follow the work of a force (N) over its place (m) through steps from step `first` on: its sum
-    so far, the largest size and value of that, inf where there is no number any more, and since
-    when its size is above `bound_j`."""
-    if first != counts[NEXT]:
-        counts[HELD] = 0  # no work is done over steps that are missing
-    if counts[HELD] == 0 and pushed.size == 0:
-        return
-    start = first - counts[HELD]
-    counts[NEXT] = first + pushed.size
-    at = 0
-    if counts[HELD] == 0:
-        sums[LAST_PUSH], sums[LAST_PLACE] = pushed[0], moved[0]
-        at = 1
-    force, place = sums[LAST_PUSH], sums[LAST_PLACE]
-    injected, largest = sums[INJECTED], abs(force)
-    known, numbers = not math.isnan(force), True
-    for i in range(at, pushed.size):
-        injected += force * (moved[i] - place)  # one sum, whatever the blocks: the same bits
-        force, place = pushed[i], moved[i]
-        sums[INJECTED] = injected
-        size = abs(injected)
-        if size <= bound_j:
-            counts[SINCE] = -1
-        elif counts[SINCE] < 0:
-            counts[SINCE] = start + i - at
-        numbers = numbers and math.isfinite(size)
-        sums[MOST], sums[FED] = max(sums[MOST], size), max(sums[FED], injected)
-        known = known and not math.isnan(force)
-        largest = max(largest, abs(force))
-    if not numbers:
-        sums[MOST] = sums[FED] = math.inf
-    if known:
-        sums[LARGEST] = max(sums[LARGEST], largest)
-    sums[LAST_PUSH], sums[LAST_PLACE] = force, place
-    counts[HELD] = 1
 
 
 class TruthColumns(NamedTuple):
@@ -172,22 +108,8 @@ def plate_work(columns, first, by, speeds, work):
 
 
 @kernel
-def edges_of(values, edges):
-    """Steps at which what is not zero begins and ends, in turns, as many as `edges` takes; how
-    many there are. What lasts to the end has no end."""
-    count, inside = 0, False
-    for i in range(values.size):
-        if (values[i] != 0.0) != inside:
-            inside = not inside
-            if count < edges.size:
-                edges[count] = i
-            count += 1
-    return count
-
-
-@kernel
 def fastest(values):
-    """Index of the largest size; of the first that is no number, if there is one."""
+    """Index of the largest size; of the first that is not a number, if there is one."""
     at = 0
     for i in range(values.size):
         size = abs(values[i])
@@ -199,30 +121,9 @@ def fastest(values):
 
 
 @kernel
-def all_finite(truth):
-    """Whether steps, shape (columns, steps), hold nothing but finite numbers."""
-    for row in truth:
-        odd = 0
-        for value in row:
-            odd += not math.isfinite(value)
-        if odd:
-            return False
-    return True
-
-
-@kernel
 def largest(values):
     """Largest size; no number where one is none, zero of no values."""
     return abs(values[fastest(values)]) if values.size else 0.0
-
-
-@kernel
-def first_of(values, wanted):
-    """Index of the first value that is `wanted`, -1 if none is."""
-    for i in range(values.size):
-        if values[i] == wanted:
-            return i
-    return -1
 
 
 @kernel(inline=True)
@@ -357,52 +258,3 @@ def contact_metrics(columns, first_step, start, end, by, metrics):
     metrics[PEAK] = peak_force(f_c[start:until], columns.f_c1[start:until], by.to_cubic)
     metrics[FASTEST] = peak_size(columns.v_p[start : end + 1])
     return True
-
-
-class ImpactSteps(NamedTuple):
-    """The steps of an impact: `rows` of them after the first `lead`; some more may follow.
-
-    `continued`: they continue an impact, so that rows before them do not count. `first_step`: step
-    of the run in row 0; without meaning in a continued impact.
-    """
-
-    lead: int
-    rows: int
-    continued: bool = False
-    first_step: int = 0
-
-
-@kernel(allocates=True)
-def read_impact(columns, steps, by, spectra, metrics, work, speeds, found):
-    """Read the steps of an impact.
-
-    Writes the `contact_metrics` of the first contact, or of its part where it is continued, the
-    `work` of every step, and the drive of the oscillators into `found`; `speeds` is room. Returns
-    whether there is such a contact, the steps of `work` that belong to it, how many steps begin in
-    contact, and the largest speed of the plate.
-    """
-    f_c, lead, count = columns.f_c, steps.lead, steps.rows
-    size, own = f_c.size, slice(lead, lead + count)
-    first = lead if steps.continued else 0
-    plate_work(columns, first, by, speeds, work)
-    start = first
-    while start < size and f_c[start] == 0.0:
-        start += 1
-    end = start
-    while end < size and f_c[end] != 0.0:
-        end += 1
-    until = end
-    while until < size and f_c[until] == 0.0:
-        until += 1
-    known = (
-        start < size
-        and size - first > 2
-        and contact_metrics(
-            columns, steps.first_step - first, start, end if end < size else -1, by, metrics
-        )
-    )
-    touching = 0
-    while touching < count and f_c[lead + touching] != 0.0:
-        touching += 1
-    drive(f_c[own], columns.f_c1[own], -1.0, columns.f_a[own], columns.f_a1[own], spectra, found)
-    return known, start, until, touching, largest(columns.v_p[own])

@@ -107,12 +107,7 @@ class Plate(ModeSource):
 
     def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
         """Shapes of all modes up to `omega_max` on a grid, (modes, x, y)."""
-        return self.shapes_on(*self.mode_numbers(omega_max)[:2], x_m, y_m)
-
-    def shapes_on(
-        self, m: np.ndarray, n: np.ndarray, x_m: np.ndarray, y_m: np.ndarray
-    ) -> np.ndarray:
-        """Shapes of modes (m, n) on a grid, (modes, x, y)."""
+        m, n, _ = self.mode_numbers(omega_max)
         along_x = np.sin(np.outer(m, x_m) * (np.pi / self.size_m[0]))
         along_y = np.sin(np.outer(n, y_m) * (np.pi / self.size_m[1]))
         return np.asarray(along_x[:, :, None] * along_y[:, None, :])

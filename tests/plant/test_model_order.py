@@ -1,5 +1,8 @@
 """How many modes a scene needs: the estimate against measured errors."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,7 +12,7 @@ from hertzloop.plant.estimates.model_order import (
     energy_beyond,
     expected_error,
     frequency_limit_hz,
-    held_error,
+    law_error,
 )
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.modal import ModalPlant
@@ -88,7 +91,7 @@ def test_a_force_that_is_held_errs_less_where_all_modes_are_damped():
     what = spec(step_s=STEP_S, limit_hz=1e5)
 
     def error(hold_s: float, share: float, damped: bool) -> float:
-        return held_error(what.sphere, what.contact, share, hold_s, damped=damped)
+        return law_error(replace(what, damped_residual=damped), math.inf, share, hold_s)
 
     assert 0.0 < error(1e-6, 0.8, True) < 0.5 * error(1e-6, 0.8, False)
     assert error(2e-6, 0.4, True) == pytest.approx(2.0 * error(1e-6, 0.8, True))
