@@ -73,7 +73,7 @@ class Problem:
 
 _TABLES = tomllib.loads(Path(__file__).with_name("fit_problems.toml").read_text("utf-8"))
 PROBLEMS = TypeAdapter(dict[str, Problem]).validate_python(_TABLES)
-_LONG = "v_p 1 ms, edges cfcf"  # about 20 s a seed
+_LONG = "v_p 1 ms, edges cfcf"  # minutes a seed
 _LATENCY = "latency, force 90 us"
 _CLASSES = [name for name, problem in PROBLEMS.items() if problem.wrong]
 _NOISY = [(_LATENCY, 0.05)] + [
@@ -154,7 +154,7 @@ def main(
 
     The truth is made with other steps and more modes than the fit uses. Every seed has its own
     noise, gain, clock and phase of samples. With --quick there are two problems. The one of a plate
-    with other edges takes 20 s a seed and runs with --only "v_p 1 ms, edges cfcf".
+    with other edges takes minutes a seed and runs with --only "v_p 1 ms, edges cfcf".
 
     Example: python -m benchmarks.fit_coverage --quick
     """

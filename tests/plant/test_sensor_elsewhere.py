@@ -55,7 +55,7 @@ FORCES = np.random.default_rng(4).standard_normal(300)
     [
         (),
         (f"plate.actuator_point_m={THIRD}",),
-        ("plate.edges=cfcs",),
+        ("plate.edges=cfcs", "run.accuracy=0.05"),
         ("actuator.bandwidth_hz=30000",),
     ],
 )
