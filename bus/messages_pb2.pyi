@@ -10,13 +10,13 @@ from typing import ClassVar as _ClassVar, Optional as _Optional, Union as _Union
 
 DESCRIPTOR: _descriptor.FileDescriptor
 
-class LaneAnswer(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+class SharedMemoryAnswer(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
-    NOT_STATED: _ClassVar[LaneAnswer]
-    JOINED: _ClassVar[LaneAnswer]
-    OTHER_HOST: _ClassVar[LaneAnswer]
-    NOT_ALLOWED: _ClassVar[LaneAnswer]
-    SWITCHED_OFF: _ClassVar[LaneAnswer]
+    NOT_STATED: _ClassVar[SharedMemoryAnswer]
+    JOINED: _ClassVar[SharedMemoryAnswer]
+    OTHER_HOST: _ClassVar[SharedMemoryAnswer]
+    NOT_ALLOWED: _ClassVar[SharedMemoryAnswer]
+    SWITCHED_OFF: _ClassVar[SharedMemoryAnswer]
 
 class EventKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -28,11 +28,11 @@ class EventKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FORCES_LATE: _ClassVar[EventKind]
     LAW_MODE: _ClassVar[EventKind]
     RUN_FAILED: _ClassVar[EventKind]
-NOT_STATED: LaneAnswer
-JOINED: LaneAnswer
-OTHER_HOST: LaneAnswer
-NOT_ALLOWED: LaneAnswer
-SWITCHED_OFF: LaneAnswer
+NOT_STATED: SharedMemoryAnswer
+JOINED: SharedMemoryAnswer
+OTHER_HOST: SharedMemoryAnswer
+NOT_ALLOWED: SharedMemoryAnswer
+SWITCHED_OFF: SharedMemoryAnswer
 TEXT: EventKind
 CONTACT_BEGAN: EventKind
 CONTACT_ENDED: EventKind
@@ -43,7 +43,7 @@ LAW_MODE: EventKind
 RUN_FAILED: EventKind
 
 class Hello(_message.Message):
-    __slots__ = ("run_id", "scene", "scene_toml", "steps", "step_ns", "seed", "stiffness", "versions", "law", "law_digest", "lane", "pace", "repeats")
+    __slots__ = ("run_id", "scene", "scene_toml", "steps", "step_ns", "seed", "stiffness", "versions", "law", "law_digest", "shared_memory", "pace", "repeats")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SCENE_FIELD_NUMBER: _ClassVar[int]
     SCENE_TOML_FIELD_NUMBER: _ClassVar[int]
@@ -54,7 +54,7 @@ class Hello(_message.Message):
     VERSIONS_FIELD_NUMBER: _ClassVar[int]
     LAW_FIELD_NUMBER: _ClassVar[int]
     LAW_DIGEST_FIELD_NUMBER: _ClassVar[int]
-    LANE_FIELD_NUMBER: _ClassVar[int]
+    SHARED_MEMORY_FIELD_NUMBER: _ClassVar[int]
     PACE_FIELD_NUMBER: _ClassVar[int]
     REPEATS_FIELD_NUMBER: _ClassVar[int]
     run_id: int
@@ -67,10 +67,10 @@ class Hello(_message.Message):
     versions: str
     law: str
     law_digest: str
-    lane: LaneOffer
+    shared_memory: SharedMemoryOffer
     pace: float
     repeats: int
-    def __init__(self, run_id: _Optional[int] = ..., scene: _Optional[str] = ..., scene_toml: _Optional[str] = ..., steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., seed: _Optional[int] = ..., stiffness: _Optional[float] = ..., versions: _Optional[str] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ..., lane: _Optional[_Union[LaneOffer, _Mapping]] = ..., pace: _Optional[float] = ..., repeats: _Optional[int] = ...) -> None: ...
+    def __init__(self, run_id: _Optional[int] = ..., scene: _Optional[str] = ..., scene_toml: _Optional[str] = ..., steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., seed: _Optional[int] = ..., stiffness: _Optional[float] = ..., versions: _Optional[str] = ..., law: _Optional[str] = ..., law_digest: _Optional[str] = ..., shared_memory: _Optional[_Union[SharedMemoryOffer, _Mapping]] = ..., pace: _Optional[float] = ..., repeats: _Optional[int] = ...) -> None: ...
 
 class LawText(_message.Message):
     __slots__ = ("run_id", "source")
@@ -88,7 +88,7 @@ class SceneText(_message.Message):
     scene_toml: str
     def __init__(self, run_id: _Optional[int] = ..., scene_toml: _Optional[str] = ...) -> None: ...
 
-class LaneOffer(_message.Message):
+class SharedMemoryOffer(_message.Message):
     __slots__ = ("host", "pid", "fd")
     HOST_FIELD_NUMBER: _ClassVar[int]
     PID_FIELD_NUMBER: _ClassVar[int]
@@ -125,15 +125,15 @@ class DaqBlock(_message.Message):
     def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., every_steps: _Optional[int] = ..., scale: _Optional[float] = ..., offset: _Optional[float] = ..., checksum: _Optional[int] = ..., code: _Optional[_Iterable[int]] = ..., value: _Optional[_Iterable[float]] = ..., saturated: _Optional[bytes] = ...) -> None: ...
 
 class ForceBlock(_message.Message):
-    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "samples_seen", "promise_zero", "promise_level", "lane", "checksum", "force_n")
+    __slots__ = ("run_id", "sequence", "first_step", "step_ns", "samples_seen", "zero_until_trigger", "trigger_level", "shared_memory", "checksum", "force_n")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     SEQUENCE_FIELD_NUMBER: _ClassVar[int]
     FIRST_STEP_FIELD_NUMBER: _ClassVar[int]
     STEP_NS_FIELD_NUMBER: _ClassVar[int]
     SAMPLES_SEEN_FIELD_NUMBER: _ClassVar[int]
-    PROMISE_ZERO_FIELD_NUMBER: _ClassVar[int]
-    PROMISE_LEVEL_FIELD_NUMBER: _ClassVar[int]
-    LANE_FIELD_NUMBER: _ClassVar[int]
+    ZERO_UNTIL_TRIGGER_FIELD_NUMBER: _ClassVar[int]
+    TRIGGER_LEVEL_FIELD_NUMBER: _ClassVar[int]
+    SHARED_MEMORY_FIELD_NUMBER: _ClassVar[int]
     CHECKSUM_FIELD_NUMBER: _ClassVar[int]
     FORCE_N_FIELD_NUMBER: _ClassVar[int]
     run_id: int
@@ -141,12 +141,12 @@ class ForceBlock(_message.Message):
     first_step: int
     step_ns: int
     samples_seen: int
-    promise_zero: bool
-    promise_level: float
-    lane: LaneAnswer
+    zero_until_trigger: bool
+    trigger_level: float
+    shared_memory: SharedMemoryAnswer
     checksum: int
     force_n: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., samples_seen: _Optional[int] = ..., promise_zero: _Optional[bool] = ..., promise_level: _Optional[float] = ..., lane: _Optional[_Union[LaneAnswer, str]] = ..., checksum: _Optional[int] = ..., force_n: _Optional[_Iterable[float]] = ...) -> None: ...
+    def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., samples_seen: _Optional[int] = ..., zero_until_trigger: _Optional[bool] = ..., trigger_level: _Optional[float] = ..., shared_memory: _Optional[_Union[SharedMemoryAnswer, str]] = ..., checksum: _Optional[int] = ..., force_n: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class TruthBlock(_message.Message):
     __slots__ = ("run_id", "sequence", "first_step", "step_ns", "xi_m", "xi_s_m", "xi_p_m", "v_p_m_s", "f_c_n", "f_a_n", "xi_a_m", "f_c1_n", "f_a1_n", "deepest_m", "held_steps")
@@ -311,7 +311,7 @@ class RunEnd(_message.Message):
     def __init__(self, run_id: _Optional[int] = ..., role: _Optional[str] = ..., count: _Optional[_Iterable[_Union[StreamCount, _Mapping]]] = ..., fault: _Optional[str] = ..., report: _Optional[_Union[ControllerReport, _Mapping]] = ...) -> None: ...
 
 class Pacing(_message.Message):
-    __slots__ = ("run_id", "pace", "response_max_ns", "late_max_ns", "behind_max_ns", "working_ns", "classes_an_octave", "lookahead_steps", "step_ns", "answers")
+    __slots__ = ("run_id", "pace", "response_max_ns", "late_max_ns", "behind_max_ns", "working_ns", "classes_an_octave", "loop_delay_steps", "step_ns", "answers")
     RUN_ID_FIELD_NUMBER: _ClassVar[int]
     PACE_FIELD_NUMBER: _ClassVar[int]
     RESPONSE_MAX_NS_FIELD_NUMBER: _ClassVar[int]
@@ -319,7 +319,7 @@ class Pacing(_message.Message):
     BEHIND_MAX_NS_FIELD_NUMBER: _ClassVar[int]
     WORKING_NS_FIELD_NUMBER: _ClassVar[int]
     CLASSES_AN_OCTAVE_FIELD_NUMBER: _ClassVar[int]
-    LOOKAHEAD_STEPS_FIELD_NUMBER: _ClassVar[int]
+    LOOP_DELAY_STEPS_FIELD_NUMBER: _ClassVar[int]
     STEP_NS_FIELD_NUMBER: _ClassVar[int]
     ANSWERS_FIELD_NUMBER: _ClassVar[int]
     run_id: int
@@ -329,7 +329,7 @@ class Pacing(_message.Message):
     behind_max_ns: int
     working_ns: int
     classes_an_octave: int
-    lookahead_steps: int
+    loop_delay_steps: int
     step_ns: int
     answers: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, run_id: _Optional[int] = ..., pace: _Optional[float] = ..., response_max_ns: _Optional[int] = ..., late_max_ns: _Optional[int] = ..., behind_max_ns: _Optional[int] = ..., working_ns: _Optional[int] = ..., classes_an_octave: _Optional[int] = ..., lookahead_steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., answers: _Optional[_Iterable[float]] = ...) -> None: ...
+    def __init__(self, run_id: _Optional[int] = ..., pace: _Optional[float] = ..., response_max_ns: _Optional[int] = ..., late_max_ns: _Optional[int] = ..., behind_max_ns: _Optional[int] = ..., working_ns: _Optional[int] = ..., classes_an_octave: _Optional[int] = ..., loop_delay_steps: _Optional[int] = ..., step_ns: _Optional[int] = ..., answers: _Optional[_Iterable[float]] = ...) -> None: ...

@@ -28,7 +28,7 @@ from hertzloop.bus.streams import (
 
 _LONGEST_VERSION = 20  # characters: it comes from another process
 # A promise that no sample can break has no level; a plate without modes has no estimate.
-_ALLOWED = {"promise_level": -math.inf, "expected_error": math.inf}
+_ALLOWED = {"trigger_level": -math.inf, "expected_error": math.inf}
 
 
 @dataclass

@@ -66,8 +66,8 @@ class Reply:
     first_step: int
     forces: np.ndarray
     samples_seen: int
-    promise_zero: bool
-    promise_level: float
+    zero_until_trigger: bool
+    trigger_level: float
     modes: np.ndarray = field(repr=False)  # mode and delay after every sample of the block
     delays: np.ndarray = field(repr=False)
 
@@ -123,18 +123,21 @@ class Controller:
             self.law, self.law_state, self.line, self.line_state, values, self.forces, modes, delays
         )
         if commands_ahead:
-            controller_kernels.grant_ahead(self.law_state, self.line, self.line_state, self.forces)
+            controller_kernels.schedule_ahead(
+                self.law_state, self.line, self.line_state, self.forces
+            )
         self.check()
         end = int(self.line_state.counts[EMITTED])
-        level = float(laws.quiet_level(self.law, self.law_state))
+        level = float(laws.trigger_level(self.law, self.law_state))
         if level < math.inf:
             self._level = level
         return Reply(
             first_step=first,
             forces=self.forces[first:end],
             samples_seen=int(self.law_state.counts[laws.SAMPLES]),
-            promise_zero=level < math.inf and bool(controller_kernels.is_quiet(self.line_state)),
-            promise_level=self._level,
+            zero_until_trigger=level < math.inf
+            and bool(controller_kernels.is_quiet(self.line_state)),
+            trigger_level=self._level,
             modes=modes,
             delays=delays,
         )

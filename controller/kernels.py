@@ -111,7 +111,7 @@ def control_block(law, law_state, line, line_state, values, forces, modes, delay
 
 
 @kernel
-def grant_ahead(law_state, line, line_state, forces):
+def schedule_ahead(law_state, line, line_state, forces):
     """Extend the forces by the commands that the law has given for samples to come."""
     commanded = law_state.counts[laws.COMMANDED]
     if commanded > law_state.counts[laws.SAMPLES]:

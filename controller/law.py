@@ -16,7 +16,7 @@ from hertzloop.common.jit import kernel as compiled_function
 from hertzloop.common.number_fields import refuse_no_numbers
 
 IDLE, WATCHING, ACTING, SPENT = range(4)  # `s.mode` of a law; `bus/events.py` names them
-NO_PROMISE = math.inf  # a quiet level that no sample stays above
+NO_TRIGGER = math.inf  # a quiet level that no sample stays above
 WHOLE_STEPS = "whole steps"  # marks a key that has to be a whole number of steps
 
 # A time (us) that has to be a whole number of steps.

@@ -38,7 +38,7 @@ class LawModel(NamedTuple):
     command: int
     known_ahead: int
     command_ahead: int
-    quiet_level: int
+    trigger_level: int
     parameters: np.ndarray
 
 
@@ -148,11 +148,11 @@ def _as_promised(state, index, value, command):
 
 
 @kernel
-def quiet_level(model, state):
+def trigger_level(model, state):
     """Level above which samples leave the law at zero from now on; inf without such a promise."""
-    if model.quiet_level == 0:
+    if model.trigger_level == 0:
         return math.inf
-    level = _call_double(model.quiet_level, (model.parameters, state.record))
+    level = _call_double(model.trigger_level, (model.parameters, state.record))
     return level if level < math.inf else math.inf
 
 
@@ -183,5 +183,5 @@ def take_sample(model, state, value):
     command = _as_promised(state, index, value, _number(state, index, command))
     counts[COMMANDED] = max(counts[COMMANDED], index + 1)
     _ask_ahead(model, state, index)
-    numbers[QUIET_ABOVE] = min(numbers[QUIET_ABOVE], quiet_level(model, state))
+    numbers[QUIET_ABOVE] = min(numbers[QUIET_ABOVE], trigger_level(model, state))
     return command

@@ -43,7 +43,7 @@ def test_the_wheel_holds_one_package(wheels):
         "plant/plant.py",
         "controller/loading/start/hertzloop_law.h",
         "law.py",
-        "bus/hertzloop_lane.h",
+        "bus/hertzloop_ring.h",
         "bus/messages.proto",
         "scene/aluminium-3mm.toml",
     ):

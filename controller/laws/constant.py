@@ -12,7 +12,7 @@ from hertzloop.controller.laws.profile import (  # noqa: F401
     command,
     command_ahead,
     known_ahead,
-    quiet_level,
+    trigger_level,
 )
 
 open_loop = True

@@ -14,8 +14,8 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     hertz,
     latches,
     not_linear,
-    quiet_level,
     stored,
+    trigger_level,
     watch,
 )
 

@@ -18,6 +18,6 @@ def command(p, s, samples, i):
     return 0.0
 
 
-def quiet_level(p, s):
+def trigger_level(p, s):
     """No sample is below this."""
     return -math.inf

@@ -19,7 +19,7 @@ from hertzloop.controller.laws.profile import (  # noqa: F401
     command,
     command_ahead,
     known_ahead,
-    quiet_level,
+    trigger_level,
 )
 
 CONSTANT, CONTACT_FORCE, SINE, COSINE = "constant", "contact_force", "sine", "cosine"

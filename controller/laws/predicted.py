@@ -114,6 +114,6 @@ def command(p, s, samples, i):
     return 0.0
 
 
-def quiet_level(p, s):
+def trigger_level(p, s):
     """Far from the plate there will be no force."""
-    return p.watch_level if s.mode == law.IDLE else law.NO_PROMISE
+    return p.watch_level if s.mode == law.IDLE else law.NO_TRIGGER

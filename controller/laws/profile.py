@@ -102,6 +102,6 @@ def command_ahead(p, s, samples, i, j):
     return playing(p, s, j)[0]
 
 
-def quiet_level(p, s):
+def trigger_level(p, s):
     """Without contact there will be no force."""
-    return p.contact_level if s.mode == law.IDLE else law.NO_PROMISE
+    return p.contact_level if s.mode == law.IDLE else law.NO_TRIGGER

@@ -16,7 +16,7 @@ from hertzloop.controller.laws.slope_threshold import (  # noqa: F401
     known_ahead,
     latches,
     not_linear,
-    quiet_level,
+    trigger_level,
     tune,
 )
 

@@ -86,6 +86,6 @@ def command_ahead(p, s, samples, i, j):
     return 0.0 if xi > p.contact_level else hertz(p, xi)
 
 
-def quiet_level(p, s):
+def trigger_level(p, s):
     """Without contact there will be no force."""
-    return p.contact_level if s.mode == law.IDLE else law.NO_PROMISE
+    return p.contact_level if s.mode == law.IDLE else law.NO_TRIGGER

@@ -53,7 +53,7 @@ class BoundLaw:
     @cached_property
     def waits_above(self) -> float:
         """Level above which samples leave the law at zero, as it is at the start; inf without."""
-        return float(laws.quiet_level(self.model, laws.first_state(self.state.data, 0)))
+        return float(laws.trigger_level(self.model, laws.first_state(self.state.data, 0)))
 
     def explain(self, samples: np.ndarray, index: int) -> str:
         """One sentence on what the law did wrong at sample `index`."""
@@ -70,9 +70,9 @@ class BoundLaw:
                 "commands that do not depend on later samples."
             )
         return (
-            f"{said}, but its quiet_level had promised no force while samples stay above "
-            f"{promised}, and this one is {float(state.history[index])}. Return NO_PROMISE from "
-            "quiet_level where a force may follow."
+            f"{said}, but its trigger_level had promised no force while samples stay above "
+            f"{promised}, and this one is {float(state.history[index])}. Return NO_TRIGGER from "
+            "trigger_level where a force may follow."
         )
 
     def reads_unknown(self, samples: np.ndarray) -> str:

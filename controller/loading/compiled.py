@@ -33,7 +33,7 @@ FUNCTIONS = {
     "command": ("double", "samples, i"),
     "known_ahead": ("int64", "samples, i"),
     "command_ahead": ("double", "samples, i, j"),
-    "quiet_level": ("double", ""),
+    "trigger_level": ("double", ""),
 }
 _TYPES = {"double": types.float64, "int64": types.int64}
 _WORDS = {"f": types.float64, "i": types.int64}  # by the kind of a record's field

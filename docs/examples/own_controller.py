@@ -89,7 +89,7 @@ class Controller:
                 step_ns=self.hello.step_ns,
                 samples_seen=seen,
                 force_n=known,
-                promise_zero=self.law.mode == IDLE and command == 0.0,
+                zero_until_trigger=self.law.mode == IDLE and command == 0.0,
             ),
         )
         self.answers, self.first_step = self.answers + 1, self.first_step + len(known)

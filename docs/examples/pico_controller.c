@@ -20,7 +20,7 @@
 #include "pb_encode.h"
 
 #ifndef MESSAGE_BYTES
-#define MESSAGE_BYTES 2048 /* of the largest message: --horizon 200 of the plant keeps to it */
+#define MESSAGE_BYTES 2048 /* of the largest message: --max-exchange-steps 200 of the plant keeps to it */
 #endif
 #define SAMPLES (MESSAGE_BYTES / 4) /* in a block at most */
 #define FORCES (SAMPLES + 64)       /* of a block of answers, with those of the latency */
@@ -258,7 +258,7 @@ static void hear_daq(const uint8_t *bytes, size_t size) {
     for (size_t i = 0; i < came; i++) {
         force = command(values[i]);
         for (int k = 0; k < every; k++) { /* it holds until the next one's force acts */
-            if (known == FORCES) give_up("too many forces: give the plant a smaller --horizon");
+            if (known == FORCES) give_up("too many forces: give the plant a smaller --max-exchange-steps");
             forces[known++] = force;
         }
     }
@@ -268,7 +268,7 @@ static void hear_daq(const uint8_t *bytes, size_t size) {
     answer.run_id = hello.run_id, answer.sequence = messages++;
     answer.first_step = (uint64_t)first_step, answer.step_ns = hello.step_ns;
     answer.samples_seen = (uint64_t)samples;
-    answer.promise_zero = mode == 0 && force == 0.0;
+    answer.zero_until_trigger = mode == 0 && force == 0.0;
     answer.force_n.funcs.encode = write_forces;
     if (!pb_encode(&out, hertzloop_ForceBlock_fields, &answer)) give_up("the answer is too long");
     publish(&force_stream, out.bytes_written, 0);

@@ -199,7 +199,7 @@ def controller_test(
                 recordings.append(run_case(case, met, Path(folder)))
             if law:
                 compare_with_law(recordings[-1], case.setup)
-            if case.horizon:
+            if case.max_exchange_steps:
                 compare_blocks(recordings[-1], recordings[0], case.setup)
         except (RunFailed, RecordingError, StreamFault, BusError, WrongForce) as error:
             fail(f"{case.name}: {error}", 1)

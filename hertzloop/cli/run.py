@@ -41,7 +41,7 @@ from hertzloop.views.run_json import run_as_json
 _MANY_STEPS = 4_000_000
 _BYTES_A_STEP = 250  # of the run, the same without control, and a repetition
 # Parameters of the command that only separate processes need.
-_OF_PROCESSES = ("name", "port", "timeout_s", "fast_lane", "realtime")
+_OF_PROCESSES = ("name", "port", "timeout_s", "shared_memory", "realtime")
 
 
 @run_options(*USES, realtime="auto")
@@ -73,7 +73,7 @@ def run(
     if options.transport is not Transport.ZENOH:
         check_unused(context, _OF_PROCESSES, f"with --transport {options.transport}")
     if options.transport is Transport.COMPILED:
-        check_unused(context, {"horizon"}, "with --transport compiled")
+        check_unused(context, {"max_exchange_steps"}, "with --transport compiled")
     if live:
         check_transport("--live", options.transport)
     setup, recording = _checked(options, scene, settings or [], seed, out_file)

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.bus import lane_kernels
-from hertzloop.bus.lane_kernels import FORCES_PUT, OPEN, SAMPLES_PUT, TRIGGERED, Lane, now_ns
+from hertzloop.bus import ring_kernels
+from hertzloop.bus.ring_kernels import FORCES_PUT, OPEN, SAMPLES_PUT, TRIGGERED, Ring, now_ns
 from hertzloop.closed_loop import grant as grants
 from hertzloop.closed_loop.exchange import GAP, NO_NUMBER, REACHED, SILENT
 from hertzloop.common.jit import kernel
@@ -30,7 +30,7 @@ class Answers(NamedTuple):
     """
 
     values: np.ndarray
-    ring: Lane
+    ring: Ring
     modes: np.ndarray
     delays: np.ndarray
     trigger_level: np.ndarray
@@ -58,16 +58,16 @@ def answer(controller, answers, limit):
                 return REACHED
         if counts[laws.SAMPLES] >= limit:
             return REACHED
-        if in_ring and not lane_kernels.wait_for_sample(ring, counts[laws.SAMPLES]):
+        if in_ring and not ring_kernels.wait_for_sample(ring, counts[laws.SAMPLES]):
             return SILENT
         for _ in range(at_once):
             i = counts[laws.SAMPLES]
             if not in_ring:
                 value = answers.values[i - answers.first]
-            elif lane_kernels.sample_number(ring, i) != i + 1:
+            elif ring_kernels.sample_number(ring, i) != i + 1:
                 return GAP
             else:
-                value = lane_kernels.sample_value(ring, i)
+                value = ring_kernels.sample_value(ring, i)
             if not math.isfinite(value):
                 return NO_NUMBER
             controller_kernels.control_sample(
@@ -80,12 +80,12 @@ def answer(controller, answers, limit):
             )
             answers.modes[i - answers.first] = controller.law_state.record[laws.MODE]
             answers.delays[i - answers.first] = controller.law_state.record[laws.DELAY]
-            if i + 1 >= limit or (in_ring and not lane_kernels.sample_is_there(ring, i + 1)):
+            if i + 1 >= limit or (in_ring and not ring_kernels.sample_is_there(ring, i + 1)):
                 break
         if counts[laws.FAULT] != 0:
             return REACHED
         if answers.commands_ahead:
-            controller_kernels.grant_ahead(
+            controller_kernels.schedule_ahead(
                 controller.law_state, controller.line, controller.line_state, controller.forces
             )
 
@@ -101,7 +101,7 @@ def _put_answer(controller, ring, value, level):
         return True
     end, forces = grants.known_until(controller), controller.forces
     while True:
-        if not lane_kernels.wait_for_room(ring):
+        if not ring_kernels.wait_for_room(ring):
             return False
         force, last = math.nan, own[FORCES_PUT] >= end - 1
         if own[FORCES_PUT] < end:
@@ -109,8 +109,8 @@ def _put_answer(controller, ring, value, level):
             own[FORCES_PUT] += 1
         if last:
             break
-        lane_kernels.put_answer(ring, own[SAMPLES_PUT], force, math.nan)
-    lane_kernels.put_answer(ring, answered, force, level if level < math.inf else math.nan)
+        ring_kernels.put_answer(ring, own[SAMPLES_PUT], force, math.nan)
+    ring_kernels.put_answer(ring, answered, force, level if level < math.inf else math.nan)
     own[SAMPLES_PUT] = answered
     if not value > level:
         own[TRIGGERED] = answered

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.bus.lane_kernels import now_ns, sleep_us, yield_core
+from hertzloop.bus.ring_kernels import now_ns, sleep_us, yield_core
 from hertzloop.common.jit import kernel
 
 # Indices into Clock.counts. START_NS: when step 0 was due; PUT: samples put into the ring; the

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hertzloop.bus import lane_kernels
-from hertzloop.bus.lane_kernels import OPEN, Lane, now_ns
+from hertzloop.bus import ring_kernels
+from hertzloop.bus.ring_kernels import OPEN, Ring, now_ns
 from hertzloop.closed_loop import clock as clocks
 from hertzloop.closed_loop import grant as grants
 from hertzloop.closed_loop.clock import Clock
@@ -113,7 +113,7 @@ class Exchange(NamedTuple):
     controller: ControllerSide
     commands: np.ndarray
     grant: Grant
-    ring: Lane
+    ring: Ring
     clock: Clock
     impact: ImpactFollower
     counts: np.ndarray
@@ -161,7 +161,7 @@ def put(exchange, unsent, step, value):
             if exchange.ring.own[OPEN] != 0:
                 _put_kept(exchange, unsent)
         elif exchange.ring.own[OPEN] != 0:
-            lane_kernels.put_sample(exchange.ring, index, value)
+            ring_kernels.put_sample(exchange.ring, index, value)
         grants.check_trigger(exchange.grant, step, value, index + 1)
 
 
@@ -223,7 +223,7 @@ def _put_kept(exchange, unsent):
     clock, ring = exchange.clock, exchange.ring
     end = min(unsent.counts[SAMPLES_END], exchange.counts[ANSWERED] + ring.slots)
     for i in range(clock.counts[clocks.PUT], end):
-        lane_kernels.put_sample(ring, i, clock.values[i & (clock.values.size - 1)])
+        ring_kernels.put_sample(ring, i, clock.values[i & (clock.values.size - 1)])
         clock.counts[clocks.PUT] = i + 1
 
 
@@ -235,13 +235,13 @@ def _take_answers(exchange, unsent, step, answers, needed_step):
     while True:
         known = needed_step < 0 or grants.is_known(exchange.grant, needed_step)
         if known and counts[ANSWERED] >= answers:
-            if needed_step >= 0 or not lane_kernels.answer_is_there(ring):
+            if needed_step >= 0 or not ring_kernels.answer_is_there(ring):
                 return REACHED
         elif counts[ANSWERED] == unsent.counts[SAMPLES_END]:
             return MUST_WAIT
-        elif not lane_kernels.wait_for_answer(ring):
+        elif not ring_kernels.wait_for_answer(ring):
             return SILENT
-        excess, answered, force, level = lane_kernels.receive_force(ring)
+        excess, answered, force, level = ring_kernels.receive_force(ring)
         status = GAP if excess != 0 else accept(exchange, unsent, step, answered, force, level)
         if status != GO:
             return status

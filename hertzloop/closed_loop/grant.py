@@ -55,7 +55,7 @@ def trigger_level(controller):
     """Return the level above which samples leave the force at zero; inf without one."""
     if not controller_kernels.is_quiet(controller.line_state):
         return math.inf
-    return laws.quiet_level(controller.law, controller.law_state)
+    return laws.trigger_level(controller.law, controller.law_state)
 
 
 @kernel(copied=True)

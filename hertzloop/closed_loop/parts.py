@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from hertzloop.bus import lane
-from hertzloop.bus.lane_kernels import Lane
+from hertzloop.bus import shared_memory
+from hertzloop.bus.ring_kernels import Ring
 from hertzloop.closed_loop import loop
 from hertzloop.closed_loop.clock import Clock, new_clock
 from hertzloop.closed_loop.exchange import (
@@ -29,7 +29,7 @@ from hertzloop.plant.time_series import COLUMNS
 from hertzloop.sensors.acquisition import Sensor, SensorSpec
 
 _NO_SENSOR = Sensor(SensorSpec(every_steps=1 << 62), 1e-6, 1, 0)
-NO_CLOCK, NO_RING = new_clock(0, 1, 0.0), lane.closed()
+NO_CLOCK, NO_RING = new_clock(0, 1, 0.0), shared_memory.closed()
 
 
 def empty_unsent(steps: int, samples: int) -> Unsent:
@@ -72,7 +72,7 @@ def exchange(
     *,
     commands: np.ndarray | None = None,
     loop_delay_steps: int = 1,
-    ring: Lane = NO_RING,
+    ring: Ring = NO_RING,
     clock: Clock = NO_CLOCK,
     impact: ImpactFollower = NEVER,
 ) -> Exchange:

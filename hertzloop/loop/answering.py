@@ -7,7 +7,7 @@ from zlib import crc32
 
 import numpy as np
 
-from hertzloop.bus.lane_kernels import FORCES_PUT, OPEN, SAMPLES_PUT, WAITED_NS, Lane
+from hertzloop.bus.ring_kernels import FORCES_PUT, OPEN, SAMPLES_PUT, WAITED_NS, Ring
 from hertzloop.bus.streams import StreamFault
 from hertzloop.closed_loop import answer as answers
 from hertzloop.closed_loop.exchange import GAP, NO_NUMBER, SILENT
@@ -45,7 +45,7 @@ def load() -> None:
     answers.answer(elsewhere(np.zeros(0)), _no_answers(NO_RING, 0, False), 0)
 
 
-def _no_answers(ring: Lane, room: int, commands_ahead: bool) -> answers.Answers:
+def _no_answers(ring: Ring, room: int, commands_ahead: bool) -> answers.Answers:
     modes, delays = np.zeros(room, np.int64), np.zeros(room, np.int64)
     level = np.full(1, math.inf)
     return answers.Answers(np.zeros(0), ring, modes, delays, level, 0, commands_ahead)
@@ -99,7 +99,7 @@ class Answering:
         """Whether the answers must be published before many more samples are answered."""
         return self.samples - self._answers.first > _ROOM - _SPARE
 
-    def use_ring(self, ring: Lane) -> None:
+    def use_ring(self, ring: Ring) -> None:
         """Answer further samples in shared memory."""
         ring.own[OPEN], ring.own[SAMPLES_PUT] = 1, self.samples
         ring.own[FORCES_PUT] = self._replied_step

@@ -7,11 +7,11 @@ from zlib import crc32
 
 import numpy as np
 
-from hertzloop.bus import lane
+from hertzloop.bus import shared_memory
 from hertzloop.bus.codec import DecodedBlock
-from hertzloop.bus.lane_kernels import Lane
-from hertzloop.bus.messages_pb2 import ControllerReport, DaqBlock, ForceBlock, LaneAnswer
+from hertzloop.bus.messages_pb2 import ControllerReport, DaqBlock, ForceBlock, SharedMemoryAnswer
 from hertzloop.bus.port import BusError, PeerLost, Port, Publisher
+from hertzloop.bus.ring_kernels import Ring
 from hertzloop.bus.sequence_checker import SequenceChecker, compare_report
 from hertzloop.bus.streams import CONTROLLER, PLANT, Envelope, StreamFault
 from hertzloop.controller.loading.bound import LawFault
@@ -72,8 +72,8 @@ class ControllerNode:
         self.fault = ""
         self.setup: Setup | None = None
         self._shared_memory = shared_memory
-        self._offered: Lane | None = None
-        self._joined: LaneAnswer = LaneAnswer.NOT_STATED
+        self._offered: Ring | None = None
+        self._joined: SharedMemoryAnswer = SharedMemoryAnswer.NOT_STATED
         self._answering: Answering | None = None
         self._publisher: Publisher | None = None
         self._report: ControllerReport | None = None
@@ -166,10 +166,10 @@ class ControllerNode:
         self.setup = setup
         self._every_steps, self._step_ns = setup.sensor.every_steps, setup.run.step_ns
         self._events = ControllerEvents(setup)
-        self._offered, self._joined = lane.join(block.header, self._shared_memory)
+        self._offered, self._joined = shared_memory.join(block.header, self._shared_memory)
         if self._offered is not None and block.header.pace:
             sample_ns = self._every_steps * self._step_ns / block.header.pace
-            self._offered = lane.at_pace(self._offered, sample_ns)
+            self._offered = shared_memory.at_pace(self._offered, sample_ns)
 
     def _answer(self, block: DecodedBlock) -> None:
         found = self._answering
@@ -197,10 +197,10 @@ class ControllerNode:
         except LawFault as error:
             raise StreamFault(str(error)) from error
         self._publish(found.reply(), self._joined)
-        self._joined = LaneAnswer.NOT_STATED  # stated once
+        self._joined = SharedMemoryAnswer.NOT_STATED  # stated once
         if self._offered is not None:
             found.use_ring(self._offered)
-            lane.sleep_precisely()
+            shared_memory.sleep_precisely()
 
     def _is_due(self, found: Answering) -> bool:
         """Whether answers given in shared memory are to be published, in blocks."""
@@ -212,7 +212,9 @@ class ControllerNode:
         self._next_block_s = now + _EVERY_S
         return True
 
-    def _publish(self, reply: Reply, joined: "LaneAnswer" = LaneAnswer.NOT_STATED) -> None:
+    def _publish(
+        self, reply: Reply, joined: "SharedMemoryAnswer" = SharedMemoryAnswer.NOT_STATED
+    ) -> None:
         assert self._publisher is not None
         assert self._answering is not None
         zero = reply.trigger_level < math.inf
@@ -220,9 +222,9 @@ class ControllerNode:
             first_step=reply.first_step,
             step_ns=self._step_ns,
             samples_seen=reply.samples,
-            promise_zero=zero,
-            promise_level=reply.trigger_level if zero else 0.0,
-            lane=joined,
+            zero_until_trigger=zero,
+            trigger_level=reply.trigger_level if zero else 0.0,
+            shared_memory=joined,
             checksum=crc32(reply.forces) if self._answering.in_ring else 0,
         )
         self._publisher.send("force", answer, {"force_n": reply.forces})
@@ -250,7 +252,7 @@ class ControllerNode:
     def fail(self, sentence: str) -> None:
         """Announce the fault that ends this role, unless it has ended."""
         if self._offered is not None:
-            lane.leave(self._offered)
+            shared_memory.leave(self._offered)
         if self._publisher is not None and not self._publisher.ended:
             found = self._answering
             if found and found.in_ring and found.samples > self._samples:

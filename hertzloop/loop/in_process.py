@@ -139,7 +139,7 @@ def record_in_process(
 
                 node = ControllerNode(InProcessPort(bus, CONTROLLER, to_controller))
                 given.append(lambda: node.law_samples if node else 0)
-                exchange = ExchangeOptions(options.horizon)
+                exchange = ExchangeOptions(options.max_exchange_steps)
                 plant = PlantNode(setup, plant_port, exchange, on_progress)
                 stats = plant.run()
         recorder.reconcile()

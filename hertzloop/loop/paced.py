@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hertzloop.bus.lane import sleep_precisely
 from hertzloop.bus.messages_pb2 import Pacing
+from hertzloop.bus.shared_memory import sleep_precisely
 from hertzloop.closed_loop import clock as clocks
 from hertzloop.closed_loop.clock import new_clock
 from hertzloop.closed_loop.exchange import (
@@ -96,7 +96,7 @@ class Paced:
             behind_max_ns=int(counts[clocks.BEHIND_MAX_NS]),
             working_ns=max(0, wall_ns - int(counts[clocks.WAITED_NS])),
             classes_an_octave=clocks.CLASSES_AN_OCTAVE,
-            lookahead_steps=exchange.grant.loop_delay_steps,
+            loop_delay_steps=exchange.grant.loop_delay_steps,
             step_ns=self._step_ns,
         )
         return header, {"answers": np.trim_zeros(self.clock.histogram, "b").astype(float)}

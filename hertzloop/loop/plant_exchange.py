@@ -4,9 +4,9 @@ from zlib import crc32
 
 import numpy as np
 
-from hertzloop.bus.lane import Segment, leave, sleep_precisely
-from hertzloop.bus.lane_kernels import OPEN, TAKEN
-from hertzloop.bus.messages_pb2 import ForceBlock, Hello, LaneAnswer
+from hertzloop.bus.messages_pb2 import ForceBlock, Hello, SharedMemoryAnswer
+from hertzloop.bus.ring_kernels import OPEN, TAKEN
+from hertzloop.bus.shared_memory import Segment, leave, sleep_precisely
 from hertzloop.bus.streams import StreamFault
 from hertzloop.closed_loop import grant as grants
 from hertzloop.closed_loop.exchange import (
@@ -61,7 +61,7 @@ def receive_forces(
     known[first:end] = forces
     counts[FORCES_END], counts[ANSWERED] = end, header.samples_seen
     _extend(exchange.grant, end)
-    level = header.promise_level if header.promise_zero else np.inf
+    level = header.trigger_level if header.zero_until_trigger else np.inf
     _renew(exchange.grant, level, header.samples_seen, sent)
 
 
@@ -119,10 +119,12 @@ class SharedMemory:
             self._segment = Segment(run_id, hello.steps, every_steps)
         except OSError:  # this machine has no shared memory
             return
-        self.outcome = LaneAnswer.Name(LaneAnswer.NOT_STATED)
-        hello.lane.CopyFrom(self._segment.offer)
+        self.outcome = SharedMemoryAnswer.Name(SharedMemoryAnswer.NOT_STATED)
+        hello.shared_memory.CopyFrom(self._segment.offer)
 
-    def receive_answer(self, answer: "LaneAnswer", exchange: Exchange, sent: int) -> Exchange:
+    def receive_answer(
+        self, answer: "SharedMemoryAnswer", exchange: Exchange, sent: int
+    ) -> Exchange:
         """Read the controller's answer to the offer, from its first block of forces.
 
         Args:
@@ -139,8 +141,8 @@ class SharedMemory:
         if self._segment is None:
             return exchange
         segment, self._segment = self._segment, None
-        self.outcome = LaneAnswer.Name(answer)
-        if answer == LaneAnswer.JOINED:
+        self.outcome = SharedMemoryAnswer.Name(answer)
+        if answer == SharedMemoryAnswer.JOINED:
             answered = int(exchange.counts[ANSWERED])
             if answered != sent:
                 raise StreamFault(

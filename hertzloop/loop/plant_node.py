@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.bus.lane_kernels import OPEN, WAITED_NS
 from hertzloop.bus.messages_pb2 import RunEnd
 from hertzloop.bus.port import (
     BusError,
@@ -18,6 +17,7 @@ from hertzloop.bus.port import (
     new_run_id,
     say_every_s,
 )
+from hertzloop.bus.ring_kernels import OPEN, WAITED_NS
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
 from hertzloop.closed_loop import grant, loop
@@ -341,7 +341,7 @@ class PlantNode:
         step, unsent = self.streams.step, self.streams.unsent
         receive_forces(self.exchange, unsent, block.header, forces, step)
         if self._memory:
-            answer, sent = block.header.lane, self._samples_sent
+            answer, sent = block.header.shared_memory, self._samples_sent
             self.exchange = self._memory.receive_answer(answer, self.exchange, sent)
             self.streams.in_ring = self.in_ring
 

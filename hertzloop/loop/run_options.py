@@ -108,7 +108,7 @@ class RunOptions(BaseModel):
         Field(description="Replace an existing file."),
         Use((RECORDER,), python=True, flag="--overwrite"),
     ] = False
-    horizon: Annotated[
+    max_exchange_steps: Annotated[
         int | None,
         Field(
             ge=1,
@@ -136,12 +136,12 @@ class RunOptions(BaseModel):
         Field(description="Repeat the closed loop with half the step and twice the modes."),
         Use(flag="--verify"),
     ] = False
-    fast_lane: Annotated[
+    shared_memory: Annotated[
         bool,
         Field(
             description="Exchange data between plant and controller on one host in shared memory."
         ),
-        Use((PLANT, CONTROLLER), flag="--fast-lane/--no-fast-lane", expert=True),
+        Use((PLANT, CONTROLLER), flag="--shared-memory/--no-shared-memory", expert=True),
     ] = True
     realtime: Annotated[
         Literal["auto", "on", "off"],
@@ -195,7 +195,7 @@ class RunOptions(BaseModel):
         for option in ("pace", "repeat", "controller"):
             if getattr(self, option):
                 check_transport(f"{option} = {getattr(self, option)}", self.transport)
-        for option in ("horizon", "verify", "repeat"):
+        for option in ("max_exchange_steps", "verify", "repeat"):
             if getattr(self, option) and self.pace is not None:
                 raise OptionError(
                     f"{option} = {getattr(self, option)}: cannot be combined with pace = "

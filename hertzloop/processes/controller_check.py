@@ -40,11 +40,11 @@ class WrongForce(RuntimeError):
 
 @dataclass(frozen=True)
 class Case:
-    """A run with the program under test; `horizon` as in RunOptions."""
+    """A run with the program under test; `max_exchange_steps` as in RunOptions."""
 
     name: str
     setup: Setup
-    horizon: int | None = None
+    max_exchange_steps: int | None = None
 
 
 def cases_of(law: str | None, settings: Sequence[str]) -> list[Case]:
@@ -61,7 +61,12 @@ def cases_of(law: str | None, settings: Sequence[str]) -> list[Case]:
         Case(name, load(SCENE, ["name=law-test", *_SHORT, *path, *asked]))
         for name, path in _PATHS.items()
     ]
-    return [*cases, replace(cases[0], name=f"a horizon of {_HORIZON} steps", horizon=_HORIZON)]
+    return [
+        *cases,
+        replace(
+            cases[0], name=f"a max_exchange_steps of {_HORIZON} steps", max_exchange_steps=_HORIZON
+        ),
+    ]
 
 
 def run_case(case: Case, options: RunOptions, folder: Path) -> Recording:
@@ -71,7 +76,11 @@ def run_case(case: Case, options: RunOptions, folder: Path) -> Recording:
     """
     path = folder / "run.mcap"
     record(
-        case.setup, path, options.model_copy(update={"horizon": case.horizon, "overwrite": True})
+        case.setup,
+        path,
+        options.model_copy(
+            update={"max_exchange_steps": case.max_exchange_steps, "overwrite": True}
+        ),
     )
     return read(path)
 

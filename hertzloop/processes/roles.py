@@ -142,10 +142,10 @@ def run_plant(
     profile = RealtimeProfile(Wanted(options.realtime), PLANT)
     with _joined(address, PLANT, options) as port:
         exchange = ExchangeOptions(
-            max_exchange_steps=options.horizon,
+            max_exchange_steps=options.max_exchange_steps,
             timeout_s=_WAITS[PLANT] * options.timeout_s,
             wait_s=address.wait_s,
-            shared_memory=options.fast_lane,
+            shared_memory=options.shared_memory,
             every_s=0.0 if options.pace else EVERY_S,
             pace=options.pace,
         )
@@ -176,7 +176,7 @@ def run_controller(
 
     profile = RealtimeProfile(Wanted(options.realtime), CONTROLLER)
     with _joined(address, CONTROLLER, options) as port:
-        node = ControllerNode(port, law=law, shared_memory=options.fast_lane)
+        node = ControllerNode(port, law=law, shared_memory=options.shared_memory)
         port.liveliness.announce()
         port.liveliness.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()

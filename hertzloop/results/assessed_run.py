@@ -38,7 +38,7 @@ class RunReport:
         transport: name of the transport.
         wall_s: wall time of the loop, s.
         exchanges: number of exchanges between plant and controller.
-        lane: why the exchanges used the fast lane or the bus; empty without processes.
+        shared_memory: why the exchanges used the fast lane or the bus; empty without processes.
         realtime: real-time profile of the processes; empty without one.
         busy_s: wall time in which each role worked, by its name, s; empty without processes. A
             program of the user's does not report its time.
@@ -56,7 +56,7 @@ class RunReport:
     transport: str
     wall_s: float
     exchanges: int
-    lane: str = ""
+    shared_memory: str = ""
     realtime: str = ""
     busy_s: Mapping[str, float] = field(default_factory=dict)
     waited_s: float = 0.0
@@ -124,7 +124,7 @@ def run_and_assess(
         transport=options.transport.value,
         wall_s=stats["wall_s"],
         exchanges=int(stats["exchanges"]),
-        lane=stats["shared_memory"],
+        shared_memory=stats["shared_memory"],
         realtime=stats.get("realtime", ""),
         busy_s=stats.get("busy_s", {}),
         waited_s=stats["waited_s"],

@@ -122,7 +122,7 @@ def responses_of(recording: Recording) -> Responses | None:
         return None
     if not (np.isfinite(answers).all() and (answers >= 0).all() and answers.sum() > 0):
         return None
-    if not (0 < header.pace < math.inf and header.step_ns and header.lookahead_steps):
+    if not (0 < header.pace < math.inf and header.step_ns and header.loop_delay_steps):
         return None
     ends = class_ends_ns(len(answers), header.classes_an_octave)
     return Responses(1e-3 * ends, answers, 1e-3 * header.response_max_ns)
@@ -177,7 +177,7 @@ def _clock(recording: Recording) -> PacedClock | None:
     if recording.pacing is None or responses is None:
         return None
     header = recording.pacing.header
-    lead_us = 1e-3 * header.lookahead_steps * header.step_ns
+    lead_us = 1e-3 * header.loop_delay_steps * header.step_ns
     held_us = responses.within_us(IN_TIME)
     simulated_ns = recording.truth.samples * header.step_ns
     return PacedClock(

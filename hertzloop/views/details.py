@@ -34,7 +34,7 @@ class RunFact(NamedTuple):
 
 
 _ROWS = ("run", "time", "plate", "contact", "actuator", "residuals")
-_LANES = {
+_SHARED = {
     "JOINED": "in the fast lane",
     "NOT_STATED": "over the bus; the controller knows of no fast lane",
     "OTHER_HOST": "over the bus, the controller being on another host",
@@ -194,7 +194,7 @@ OF_RUN = (
             lambda r: r.setup.run.duration_s / r.wall_s if r.wall_s else math.inf,
             "time", "{:.3g} times real time".format),
     RunFact("exchanges", lambda r: r.exchanges, "time", "{:,} exchanges".format),
-    RunFact("lane", lambda r: r.lane, "time", lambda lane: _LANES.get(lane, "")),
+    RunFact("shared_memory", lambda r: r.shared_memory, "time", lambda how: _SHARED.get(how, "")),
     RunFact("busy_s", lambda r: dict(r.busy_s), "time", _roles_words),
     RunFact("waited_s", lambda r: r.waited_s, "time", "the plant waited {:.3g} s".format),
     RunFact("realtime", lambda r: r.realtime, "time",

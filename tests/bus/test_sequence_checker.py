@@ -193,9 +193,9 @@ def test_a_publisher_sends_only_numbers(value):
 def test_what_has_no_limit_may_be_infinite():
     """A promise that no sample breaks; an error of which there is no estimate."""
     publisher = Publisher(Tape(CONTROLLER), RUN)
-    publisher.send("force", ForceBlock(step_ns=1000, promise_level=-math.inf), {})
-    with pytest.raises(StreamFault, match="promise_level = inf"):
-        publisher.send("force", ForceBlock(step_ns=1000, promise_level=math.inf), {})
+    publisher.send("force", ForceBlock(step_ns=1000, trigger_level=-math.inf), {})
+    with pytest.raises(StreamFault, match="trigger_level = inf"):
+        publisher.send("force", ForceBlock(step_ns=1000, trigger_level=math.inf), {})
     Publisher(Tape(PLANT), RUN).send("balance", EnergyBalance(expected_error=math.inf))
 
 

@@ -59,7 +59,7 @@ def test_of_a_new_law_the_functions_that_are_asked_for_are_compiled(tmp_path, he
     assert [name for name in heard.names if name in FUNCTIONS] == [
         "known_ahead",
         "command_ahead",
-        "quiet_level",
+        "trigger_level",
     ]
     assert all(bound.model[:4])
     assert not bound.trouble

@@ -79,15 +79,15 @@ def test_the_promise_of_no_force_is_kept(
     edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples))})
     for start, end in pairwise(edges):
         reply = controller.process(np.array(samples[start:end]), commands_ahead)
-    if not reply.promise_zero:
+    if not reply.zero_until_trigger:
         return
-    level = max(reply.promise_level, -1e3)
+    level = max(reply.trigger_level, -1e3)
     above = st.sampled_from([math.nextafter(level, math.inf), level + 0.5, level + 100.0])
     later = data.draw(st.lists(above, min_size=30, max_size=30))
     silent = controller.process(np.array(later), commands_ahead)
     assert len(silent.forces) >= 30
     assert not silent.forces.any()
-    assert silent.promise_zero
+    assert silent.zero_until_trigger
 
 
 @pytest.mark.parametrize("force", [5.0, -5.0])
@@ -99,7 +99,7 @@ def test_no_promise_while_a_late_force_is_on_its_way(force, chance):
     for seed in range(40):
         driven = drive(law, chance, [1, 1, -1] + [1] * 12, seed=seed, cuts=ONE_BY_ONE)
         for reply in driven.replies[3:]:
-            if reply.promise_zero:
+            if reply.zero_until_trigger:
                 assert not driven.forces[reply.first_step + len(reply.forces) :].any()
                 promised += 1
     assert promised > 100
@@ -108,7 +108,7 @@ def test_no_promise_while_a_late_force_is_on_its_way(force, chance):
 def promises(law: LawSpec, line: SignalPath, samples: list[float]) -> str:
     """One letter a sample: whether the reply to it promises zero."""
     replies = drive(law, line, samples, cuts=ONE_BY_ONE).replies
-    return "".join("y" if r.promise_zero else "." for r in replies)
+    return "".join("y" if r.zero_until_trigger else "." for r in replies)
 
 
 def test_when_a_promise_is_given():
@@ -126,10 +126,10 @@ def test_when_a_promise_is_given():
 def test_the_law_off_promises_zero_whatever_comes():
     law = LawSpec("off", 1.0)
     reply = drive(law, SignalPath(), [1, -1, -4], commands_ahead=True).replies[-1]
-    assert reply.promise_zero
-    assert reply.promise_level == -math.inf
+    assert reply.zero_until_trigger
+    assert reply.trigger_level == -math.inf
 
 
 def test_the_level_of_the_promise_is_the_law_s_contact_level():
     law = LawSpec(SLOPE.law, 1.0, 0.5, -0.25, contact_level=-0.5)
-    assert drive(law, SignalPath(), [1]).replies[-1].promise_level == -0.5
+    assert drive(law, SignalPath(), [1]).replies[-1].trigger_level == -0.5

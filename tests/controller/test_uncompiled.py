@@ -45,7 +45,7 @@ def fingerprint() -> str:
                 controller = make(law, line, len(samples), every_steps)
                 for start in range(0, len(samples), 50):
                     reply = controller.process(samples[start : start + 50])
-                    promise = f"{reply.promise_zero} {reply.promise_level}".encode()
+                    promise = f"{reply.zero_until_trigger} {reply.trigger_level}".encode()
                     for part in (reply.forces, reply.modes, reply.delays, promise):
                         digest.update(part)
                 digest.update(controller.law_state.counts)

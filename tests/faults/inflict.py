@@ -33,7 +33,7 @@ TIMEOUT_S = 4.0  # patience of the processes with one another
 PAUSES_S = {"pause": (0.05, 1.0), "long pause": (TIMEOUT_S + 2.0, TIMEOUT_S + 4.0)}
 RUN = ["aluminium-3mm", "--set", "run.duration_s=19", "--timeout", str(TIMEOUT_S)]
 EVERY_SAMPLE = ["--set", "controller.law=velocity_feedback", "--set", "controller.kappa=0.1"]
-LANE = {"lane": EVERY_SAMPLE, "no lane": ["--no-fast-lane"]}
+LANE = {"lane": EVERY_SAMPLE, "no lane": ["--no-shared-memory"]}
 HANGS_S = 120.0
 UNDER_WAY, MOMENTS_S = 100_000, 1.5  # bytes; a random time after that, or after a process is there
 

@@ -179,7 +179,7 @@ def exchange(
     scene: Setup,
     seed: int,
     *,
-    horizon: int | None = None,
+    max_exchange_steps: int | None = None,
     controller: Callable[[Any], Any] = ControllerNode,
     alter: Alter = as_it_is,
     forge: Alter = as_it_is,
@@ -188,7 +188,9 @@ def exchange(
     """A whole run over links of a seed. Raises what the plant raises; everything arrives first."""
     links = Links(seed, alter, forge)
     links.controller = controller(links.ports[CONTROLLER])
-    plant = PlantNode(scene, links.ports[PLANT], ExchangeOptions(horizon, every_s=every_s))
+    plant = PlantNode(
+        scene, links.ports[PLANT], ExchangeOptions(max_exchange_steps, every_s=every_s)
+    )
     try:
         plant.run()
     finally:

@@ -54,7 +54,7 @@ class Pair:
 
     scene: Setup
     timeout_s: float = EVENTUALLY_S
-    fast_lane: bool = True
+    shared_memory: bool = True
     takes_lane: bool = True
     heard: list[Envelope] = field(default_factory=list)
     fault: str = ""
@@ -69,7 +69,7 @@ class Pair:
         self.plant = PlantNode(
             self.scene,
             self.ports[PLANT],
-            ExchangeOptions(timeout_s=self.timeout_s, shared_memory=self.fast_lane),
+            ExchangeOptions(timeout_s=self.timeout_s, shared_memory=self.shared_memory),
         )
         self.controller = ControllerNode(self.ports[CONTROLLER], shared_memory=self.takes_lane)
 

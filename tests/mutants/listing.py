@@ -24,7 +24,7 @@ OPERATORS = {
 }
 _PUNCTUATION = (*"()[]{},.:=", "->")
 _FOR_TYPE_CHECKERS = {"overload", "override", "final"}  # decorators
-_OF_A_LAW = {"command", "command_ahead", "known_ahead", "quiet_level"}  # compiled with a loop
+_OF_A_LAW = {"command", "command_ahead", "known_ahead", "trigger_level"}  # compiled with a loop
 
 
 @dataclass(frozen=True, order=True)

@@ -28,10 +28,17 @@ def scene(*settings: str) -> Setup:
     return load("aluminium-3mm", [*SHORT, *settings])
 
 
-def record(path: Path, *settings: str, compiled: bool = False, horizon: int | None = None) -> Path:
+def record(
+    path: Path, *settings: str, compiled: bool = False, max_exchange_steps: int | None = None
+) -> Path:
     """Record a short run, with a block of truth every 1000 steps."""
     with patch.object(in_process, "EVERY_S", 0.0):
-        record_in_process(scene(*settings), path, RunOptions(horizon=horizon), compiled=compiled)
+        record_in_process(
+            scene(*settings),
+            path,
+            RunOptions(max_exchange_steps=max_exchange_steps),
+            compiled=compiled,
+        )
     return path
 
 

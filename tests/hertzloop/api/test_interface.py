@@ -153,8 +153,8 @@ def test_a_margin_holds_the_loop_in_flight_and_its_jitter():
             "pace = 1.0: not available with transport = 'inprocess'",
         ),
         (
-            lambda s: hertzloop.run(s, pace=1.0, horizon=3),
-            "horizon = 3: cannot be combined with pace = 1",
+            lambda s: hertzloop.run(s, pace=1.0, max_exchange_steps=3),
+            "max_exchange_steps = 3: cannot be combined with pace = 1",
         ),
     ],
 )
@@ -169,7 +169,7 @@ def test_mistakes_end_in_one_sentence(scene, call, sentence):
         ({"transport": "bus"}, "transport = 'bus': must be 'zenoh', 'inprocess' or 'compiled'"),
         ({"recording": "a.txt"}, "recording = 'a.txt': must end in .mcap. Change the name"),
         ({"recording": "none/a.mcap"}, "the folder none does not exist. Create it"),
-        ({"horizon": 0}, "horizon = 0: must be at least 1"),
+        ({"max_exchange_steps": 0}, "max_exchange_steps = 0: must be at least 1"),
     ],
 )
 def test_an_impossible_option_has_its_own_error(scene, options, sentence):

@@ -35,7 +35,15 @@ def test_the_help_of_a_command_fits_on_two_screens(entry):
 
 def test_run_has_its_expert_options_below_the_others():
     usual, expert = invoke(["run", "--help"]).stdout.split("Expert options")
-    for option in ("horizon", "name", "timeout", "fast-lane", "realtime", "controller", "port"):
+    for option in (
+        "max_exchange_steps",
+        "name",
+        "timeout",
+        "shared-memory",
+        "realtime",
+        "controller",
+        "port",
+    ):
         assert f"--{option} " in expert
         assert f"--{option} " not in usual
 

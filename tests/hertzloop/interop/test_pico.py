@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from hertzloop.bus.messages_pb2 import LaneOffer
+from hertzloop.bus.messages_pb2 import SharedMemoryOffer
 from hertzloop.controller.loading.registry import shipped as laws
 from hertzloop.loop.announcement import hello
 from hertzloop.plant.structures.mode_file import write_modes
@@ -23,7 +23,7 @@ ROOM = int(
 
 
 def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated():
-    offer = LaneOffer(host="a" * 32, pid=2**31, fd=1000)
+    offer = SharedMemoryOffer(host="a" * 32, pid=2**31, fd=1000)
     sizes = []
     for name in shipped():
         for law in laws():
@@ -33,7 +33,7 @@ def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated():
                 continue
             said = hello(setup, setup.law.stiffness)
             said.run_id = 2**64 - 1
-            said.lane.CopyFrom(offer)
+            said.shared_memory.CopyFrom(offer)
             sizes.append(said.ByteSize())
     least, most = (
         int(x.replace(",", "")) for x in re.findall(r"\| `hello` \| (\S+) to (\S+) ", WIRE)[0]

@@ -54,7 +54,7 @@ def test_a_shipped_law_as_a_file_of_ones_own(here, law, transport):
 
 
 PROMISES = {
-    "quiet_level": "def quiet_level(p, s):\n    return 0.0\n",
+    "trigger_level": "def trigger_level(p, s):\n    return 0.0\n",
     "known_ahead": "def known_ahead(p, s, samples, i):\n    return i < 50\n"
     "def command_ahead(p, s, samples, i, j):\n    return 0.0\n",
 }

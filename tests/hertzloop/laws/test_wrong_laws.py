@@ -31,7 +31,7 @@ def law_refused(law: str, words: str) -> None:
 NOTHING = "def command(p, s, samples, i):\n    return 0.0\n"
 AHEAD = "def known_ahead(p, s, samples, i):\n    return 5\n"
 AHEAD += "def command_ahead(p, s, samples, i, j):\n    return 0.0\n"
-QUIET = "def quiet_level(p, s):\n    return 0.0\n"
+QUIET = "def trigger_level(p, s):\n    return 0.0\n"
 PUSHES = NOTHING.replace("0.0", "2.0 if i == 350 else 0.0")
 BEFORE = [
     ("def command(p, s, samples, i:\n", "mine.py: is not valid Python"),
@@ -61,7 +61,7 @@ BEFORE = [
         "force_bound failed: ZeroDivisionError: division",
     ),
     (
-        f"{NOTHING}def quiet_level(p, s):\n    return depth\n",
+        f"{NOTHING}def trigger_level(p, s):\n    return depth\n",
         "'depth' is not defined (in quiet",
     ),
     # The trial does not reach it.
@@ -71,7 +71,7 @@ BEFORE = [
         PUSHES + AHEAD,
         "mine.py, at sample 350, commanded 2.0 N, but its command_ahead had said 0.0 N",
     ),
-    (PUSHES + QUIET, "quiet_level had promised no force"),
+    (PUSHES + QUIET, "trigger_level had promised no force"),
     (NOTHING.replace("0.0", "float('nan') if i == 30 else 0.0"), "at sample 30, commanded nan N"),
     (
         "class State:\n    last: float = 0.0\n"
@@ -223,7 +223,7 @@ def test_wrong_in_the_run(here, case):
 
 
 LATER = PUSHES.replace("350", "3000")
-BROKEN = {"command_ahead": LATER + AHEAD, "quiet_level": LATER + QUIET}
+BROKEN = {"command_ahead": LATER + AHEAD, "trigger_level": LATER + QUIET}
 
 
 @pytest.mark.parametrize("transport", Transport)

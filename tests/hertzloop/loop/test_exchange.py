@@ -37,7 +37,7 @@ class Clock:
 
 @cache
 def expected(name: str) -> dict[str, str]:
-    return exchange(scene(name), 0, horizon=1).heard.samples()
+    return exchange(scene(name), 0, max_exchange_steps=1).heard.samples()
 
 
 @pytest.mark.parametrize("seeds", default(SEEDS, ["quick"]))
@@ -68,7 +68,7 @@ def way(seed: int) -> dict[str, Any]:
     """Horizon and looking ahead of a schedule: half of them with what is usual."""
     draw = np.random.default_rng([seed, 1])
     return {
-        "horizon": None if seed % 2 else int(draw.integers(10, 500)),
+        "max_exchange_steps": None if seed % 2 else int(draw.integers(10, 500)),
         "controller": lambda port: ControllerNode(port, commands_ahead=seed % 4 < 3),
     }
 
@@ -111,8 +111,8 @@ class Hesitant:
             first_step=self.said,
             step_ns=1000,
             samples_seen=self.seen,
-            promise_zero=True,
-            promise_level=self.level,
+            zero_until_trigger=True,
+            trigger_level=self.level,
         )
         self.publisher.send("force", header, {"force_n": self.forces[self.said : end]})
         self.said = end
@@ -125,7 +125,7 @@ class Hesitant:
 
 def test_a_level_that_changes_is_believed_once_all_samples_were_seen():
     found = [
-        exchange(scene("rising"), seed, controller=Hesitant, horizon=None if seed else 1)
+        exchange(scene("rising"), seed, controller=Hesitant, max_exchange_steps=None if seed else 1)
         for seed in SEEDS["quick"]
     ]
     for seed, links in enumerate(found):

@@ -69,7 +69,7 @@ def with_last(values: np.ndarray, value: float) -> np.ndarray:
 
 def never_grants(header: Any, force: np.ndarray) -> np.ndarray:
     """Answers all samples, but grants and promises nothing."""
-    header.first_step, header.promise_zero = 0, False
+    header.first_step, header.zero_until_trigger = 0, False
     return force[:0]
 
 
@@ -93,8 +93,8 @@ BREACHES: dict[str, tuple[Alter, str | tuple[str, ...]]] = {
             "stream 'force' sequence 0 holds force_n"),
     "-inf": (forces(lambda header, force: with_last(force, -math.inf)),
              "stream 'force' sequence 0 holds force_n"),
-    "a level of nan": (forces(lambda header, force: setattr(header, "promise_level", math.nan)),
-                       "'force' sequence 0 holds promise_level"),
+    "a level of nan": (forces(lambda header, force: setattr(header, "trigger_level", math.nan)),
+                       "'force' sequence 0 holds trigger_level"),
     "an answer to samples never sent": (
         forces(lambda header, force: setattr(header, "samples_seen", 10**6)),
         ("'force' sequence 0 answers 100", "were sent")),
@@ -116,7 +116,7 @@ BREACHES: dict[str, tuple[Alter, str | tuple[str, ...]]] = {
 @pytest.mark.parametrize("name", BREACHES)
 def test_a_controller_that_breaks_its_word_ends_the_run(name):
     alter, words = BREACHES[name]
-    refused(words, horizon=100, alter=alter)
+    refused(words, max_exchange_steps=100, alter=alter)
 
 
 def hello_of_another_law(envelope: Envelope, sequence: int | None) -> Envelope:

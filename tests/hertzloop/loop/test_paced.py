@@ -45,14 +45,14 @@ def feedback(*settings: str) -> Setup:
 
 
 def paced(scene: Setup, pace: float, lane: bool = True, timeout_s: float = EVENTUALLY_S) -> Pair:
-    pair = Pair(scene, timeout_s, fast_lane=lane)
+    pair = Pair(scene, timeout_s, shared_memory=lane)
     options = ExchangeOptions(timeout_s=timeout_s, shared_memory=lane, pace=pace)
     pair.plant = PlantNode(scene, pair.ports[PLANT], options)
     return pair
 
 
 def repeated(scene: Setup, repeat: RepeatedRun, lane: bool = True) -> Pair:
-    pair = Pair(scene, fast_lane=lane)
+    pair = Pair(scene, shared_memory=lane)
     pair.plant = PlantNode(
         scene,
         pair.ports[PLANT],
@@ -78,7 +78,7 @@ def test_with_time_to_spare_it_is_the_run_in_lock_step(lane, tmp_path):
     assert found.pop("truth.held_steps")
     assert found == {
         name: digest
-        for name, digest in Pair(scene, fast_lane=False).run().samples().items()
+        for name, digest in Pair(scene, shared_memory=False).run().samples().items()
         if name != "truth.held_steps"
     }
 
@@ -178,7 +178,10 @@ class TestProcesses:
     ("words", "said"),
     [
         (["--pace", "1e-8"], "use a pace of"),
-        (["--pace", "1", "--horizon", "3"], "horizon = 3: cannot be combined with pace = 1"),
+        (
+            ["--pace", "1", "--max-exchange-steps", "3"],
+            "max_exchange_steps = 3: cannot be combined with pace = 1",
+        ),
         (["--pace", "1", "--verify"], "verify = True: cannot be combined with pace = 1"),
         (
             ["--pace", "1", "--transport", "compiled"],

@@ -1,4 +1,4 @@
-"""One closed loop, three ways to run it, the same bits; the horizon changes only the speed."""
+"""One closed loop, three ways to run it, the same bits; max_exchange_steps changes the speed."""
 
 from collections.abc import Callable, Collection
 from functools import cache
@@ -146,17 +146,21 @@ def record(
     scene: Setup,
     path: Path,
     transport: Transport = Transport.ZENOH,
-    horizon: int | None = None,
+    max_exchange_steps: int | None = None,
     lane: bool = True,
 ) -> Recording:
     """A run as `hertzloop run` does it."""
     report = run_as_json(
         run_and_assess(
-            scene, path, RunOptions(transport=transport, horizon=horizon, fast_lane=lane)
+            scene,
+            path,
+            RunOptions(
+                transport=transport, max_exchange_steps=max_exchange_steps, shared_memory=lane
+            ),
         )
     )
     assert report["steps"] == scene.run.steps
-    assert report["lane"] == "JOINED" * (lane and transport == Transport.ZENOH)
+    assert report["shared_memory"] == "JOINED" * (lane and transport == Transport.ZENOH)
     return checked(read(path), scene)
 
 
@@ -187,10 +191,20 @@ IN_THREADS = {
 }
 WAYS: dict[str, tuple[Callable[..., Recording], dict[str, Any], Collection[str], set[str]]] = {
     "in process": (record, {"transport": Transport.INPROCESS}, VARIANTS, QUICK),
-    "horizon 1": (record, {"transport": Transport.INPROCESS, "horizon": 1}, SOME, set()),
-    "horizon 7": (record, {"transport": Transport.INPROCESS, "horizon": 7}, SOME, set()),
+    "max_exchange_steps 1": (
+        record,
+        {"transport": Transport.INPROCESS, "max_exchange_steps": 1},
+        SOME,
+        set(),
+    ),
+    "max_exchange_steps 7": (
+        record,
+        {"transport": Transport.INPROCESS, "max_exchange_steps": 7},
+        SOME,
+        set(),
+    ),
     "zenoh": (record, {}, VARIANTS, {"default", "infinite plate", "own clock"}),
-    "zenoh, horizon 1": (record, {"horizon": 1}, SOME, {"converters"}),
+    "zenoh, max_exchange_steps 1": (record, {"max_exchange_steps": 1}, SOME, {"converters"}),
     "zenoh, no lane": (record, {"lane": False}, ["converters"], {"converters"}),
     "threads": (in_threads, {}, sorted(IN_THREADS), IN_THREADS),
 }

@@ -61,8 +61,8 @@ def begin(
     # Shared memory would join processes that are on one machine after all.
     commands = {
         RECORDER: ["--out", str(recording)],
-        CONTROLLER: ["--no-fast-lane"],
-        PLANT: ["aluminium-3mm", "--no-fast-lane", *as_options(settings)],
+        CONTROLLER: ["--no-shared-memory"],
+        PLANT: ["aluminium-3mm", "--no-shared-memory", *as_options(settings)],
     }
     return {
         role: node(hosts, role, keys / f"{role}.json5", *commands[role], *patience)

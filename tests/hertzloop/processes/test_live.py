@@ -36,7 +36,10 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path, hangs):
         watcher = watching(ports, rrd, "--machine", stdin=subprocess.PIPE)
         watcher.send_signal(signal.SIGSTOP)
     else:  # seconds for a watcher to link, more on a busy machine: nobody waits for it
-        keys, more = ["run.duration_s=1", RUN[1]], ["--no-fast-lane", "--horizon", "200"]
+        keys, more = (
+            ["run.duration_s=1", RUN[1]],
+            ["--no-shared-memory", "--max-exchange-steps", "200"],
+        )
         watcher = watching(ports, rrd, stdin=subprocess.DEVNULL)
     try:
         run = ["run", "aluminium-3mm", *as_options(keys), *more, "--out", str(tmp_path / "a.mcap")]

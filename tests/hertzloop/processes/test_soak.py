@@ -51,16 +51,20 @@ def held(temporary: Path) -> Held:
     )
 
 
-def run_once(short: Setup, folder: Path, transport: Transport, *, fast_lane: bool) -> None:
+def run_once(short: Setup, folder: Path, transport: Transport, *, shared_memory: bool) -> None:
     options = RunOptions(
-        transport, overwrite=True, timeout_s=EVENTUALLY_S, fast_lane=fast_lane, realtime="auto"
+        transport,
+        overwrite=True,
+        timeout_s=EVENTUALLY_S,
+        shared_memory=shared_memory,
+        realtime="auto",
     )
     report = run_as_json(run_and_assess(short, folder / "run.mcap", options))
     assert report["impacts"] is not None
 
 
 @pytest.mark.parametrize(
-    ("transport", "fast_lane"),
+    ("transport", "shared_memory"),
     [
         (Transport.COMPILED, True),
         (Transport.INPROCESS, True),
@@ -68,16 +72,16 @@ def run_once(short: Setup, folder: Path, transport: Transport, *, fast_lane: boo
         (Transport.ZENOH, False),
     ],
 )
-def test_runs_in_a_row(tmp_path, monkeypatch, transport, fast_lane):
+def test_runs_in_a_row(tmp_path, monkeypatch, transport, shared_memory):
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setenv("TMPDIR", str(temporary))
     monkeypatch.setattr(tempfile, "tempdir", None)
     for _ in range(WARM_UP):
-        run_once(scene(), tmp_path, transport, fast_lane=fast_lane)
+        run_once(scene(), tmp_path, transport, shared_memory=shared_memory)
     before, resident = held(temporary), list[int]()
     for number in range(RUNS):
-        run_once(scene(), tmp_path, transport, fast_lane=fast_lane)
+        run_once(scene(), tmp_path, transport, shared_memory=shared_memory)
         # Threads that hear the last words of processes end by themselves.
         wait_for(lambda: held(temporary).threads <= before.threads)
         assert held(temporary) == before, f"after run {number}"
@@ -85,8 +89,9 @@ def test_runs_in_a_row(tmp_path, monkeypatch, transport, fast_lane):
     half = RUNS // 2
     grown = max(resident[half:]) - max(resident[:half])
     print(
-        f"\n{transport.value}{' in the lane' if fast_lane else ''}: {RUNS} runs after {WARM_UP}, "
-        f"{before}, {resident[0] / 1e6:.1f} MB at first, {resident[-1] / 1e6:.1f} MB at last, "
+        f"\n{transport.value}{' in the ring' if shared_memory else ''}: {RUNS} runs after "
+        f"{WARM_UP}, {before}, {resident[0] / 1e6:.1f} MB at first, "
+        f"{resident[-1] / 1e6:.1f} MB at last, "
         f"most of the second half {grown / 1e6:+.2f} MB against the first"
     )
     # With threads, multiprocessing has a fork server and a tracker of resources, which stay.

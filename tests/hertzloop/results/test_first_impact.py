@@ -29,12 +29,12 @@ from tests.tiers import default
 # Three contacts, 1.3 ms apart at first: a law that sees one coming pushes before it.
 SHORT = ["run.accuracy=0.05", "run.duration_s=0.004", "controller.latency_us=20"]
 PROMISE = """
-def quiet_level(p, s):
-    return 0.0 if s.mode == 0 else NO_PROMISE
+def trigger_level(p, s):
+    return 0.0 if s.mode == 0 else NO_TRIGGER
 """
 # A push of so many samples, so many samples after the sphere has left.
 LATE = """
-from hertzloop.law import NO_PROMISE
+from hertzloop.law import NO_TRIGGER
 
 class State:
     mode: int = 0
@@ -58,7 +58,7 @@ class State:
 def command(p, s, samples, i):
     return 2.0 if i > 0 and samples[i] < 5e-5 and samples[i] < samples[i - 1] else 0.0
 
-def quiet_level(p, s):
+def trigger_level(p, s):
     return 5e-5
 """
 OWN = {

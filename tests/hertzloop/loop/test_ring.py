@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.bus import codec, lane, lane_kernels
+from hertzloop.bus import codec, ring_kernels, shared_memory
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.bus.streams import CONTROLLER, PLANT, STREAMS, Envelope
 from hertzloop.loop.answering import Answering
@@ -28,7 +28,7 @@ FEEDBACK = "velocity feedback"
 
 @cache
 def over_the_bus() -> dict[str, str]:
-    return Pair(scene_of(FEEDBACK), fast_lane=False).run().samples()
+    return Pair(scene_of(FEEDBACK), shared_memory=False).run().samples()
 
 
 def long_scene() -> Setup:
@@ -37,7 +37,7 @@ def long_scene() -> Setup:
 
 
 def test_more_samples_than_room(tmp_path, monkeypatch):
-    monkeypatch.setattr(lane, "_SLOTS", 2048)
+    monkeypatch.setattr(shared_memory, "_SLOTS", 2048)
     pair = Pair(long_scene()).run()
     compiled = record(long_scene(), tmp_path / "a.mcap", Transport.COMPILED)
     assert first_difference(pair.recorded(tmp_path / "b.mcap"), compiled) is None
@@ -64,11 +64,11 @@ def lane_of_same_run(**how: Any) -> str:
 
 
 def test_without_a_lane_the_run_is_the_same(monkeypatch):
-    assert lane_of_same_run(fast_lane=False) == ""
+    assert lane_of_same_run(shared_memory=False) == ""
     assert lane_of_same_run(takes_lane=False) == "SWITCHED_OFF"
     hosts = iter(["one", "another"])
     with monkeypatch.context() as patch:
-        patch.setattr(lane, "host", lambda: next(hosts))
+        patch.setattr(shared_memory, "host", lambda: next(hosts))
         assert lane_of_same_run() == "OTHER_HOST"
 
     def refuse(*_: object) -> int:
@@ -81,13 +81,13 @@ def test_without_a_lane_the_run_is_the_same(monkeypatch):
 @pytest.mark.parametrize("what", ["file", "unsealed", "foreign run", "gone"])
 def test_what_is_no_segment_is_not_joined(tmp_path, what):
     pair = Pair(scene_of(FEEDBACK))
-    segment = lane.Segment(1, 2, 3)  # of another run
+    segment = shared_memory.Segment(1, 2, 3)  # of another run
     fds = {"foreign run": segment.fd, "gone": 2**20, "unsealed": os.memfd_create("x")}
-    os.ftruncate(fds["unsealed"], lane.segment_bytes(2048))
+    os.ftruncate(fds["unsealed"], shared_memory.segment_bytes(2048))
     with (tmp_path / "file").open("wb") as file:
-        file.write(bytes(lane.segment_bytes(2048)))
+        file.write(bytes(shared_memory.segment_bytes(2048)))
         fds["file"] = file.fileno()
-        pair.plant.streams.hello.lane.fd = fds[what]
+        pair.plant.streams.hello.shared_memory.fd = fds[what]
         pair.run()
     os.close(fds["unsealed"])
     segment.withdraw()
@@ -97,15 +97,15 @@ def test_what_is_no_segment_is_not_joined(tmp_path, what):
 
 def test_nothing_of_it_has_a_name():
     before = set(os.listdir("/dev/shm"))
-    segment = lane.Segment(1, 2, 3)
-    assert lane.join(Hello(run_id=1, lane=segment.offer))[0] is not None
+    segment = shared_memory.Segment(1, 2, 3)
+    assert shared_memory.join(Hello(run_id=1, shared_memory=segment.offer))[0] is not None
     assert set(os.listdir("/dev/shm")) <= before
     segment.withdraw()
-    assert lane.join(Hello(run_id=1, lane=segment.offer))[0] is None
+    assert shared_memory.join(Hello(run_id=1, shared_memory=segment.offer))[0] is None
 
 
 def test_no_end_can_change_its_size_or_seal_it_further():
-    segment = lane.Segment(1, 2, 3)
+    segment = shared_memory.Segment(1, 2, 3)
     size = os.fstat(segment.fd).st_size
     for other in (size - 8, size + 8):
         with pytest.raises(PermissionError):
@@ -151,22 +151,22 @@ def test_a_broken_answer_in_the_lane_ends_the_run(word, value, said, monkeypatch
     pair, spoiled = Pair(long_scene()), list[int]()
     serve = ControllerNode.work
 
-    def spoil(end: lane_kernels.Lane, seen: int) -> None:
-        at = int(lane_kernels._answer_slot(end, int(end.own[lane_kernels.TAKEN])))
+    def spoil(end: ring_kernels.Ring, seen: int) -> None:
+        at = int(ring_kernels._answer_slot(end, int(end.own[ring_kernels.TAKEN])))
         end.words[at + 1], end.numbers[at + 2], end.numbers[at + 3] = seen + 1, 0.0, np.nan
         (end.numbers if word > 1 else end.words)[at + word] = value
         if word:
-            end.words[at] = end.own[lane_kernels.TAKEN] + 1
+            end.words[at] = end.own[ring_kernels.TAKEN] + 1
 
     def work(node: ControllerNode, timeout_s: float) -> None:
         if pair.plant.in_ring and node.samples > 2000 and not spoiled:
             # The plant takes all answers, sends a sample and waits for the next; then it sees
             # the spoiled one before the true one takes its place.
-            lane = pair.plant.exchange.ring
+            ring = pair.plant.exchange.ring
             wait_for(lambda: pair.plant.answered == node.samples)
-            slot = lane_kernels.SAMPLE_WORDS * (node.samples % lane.slots)
-            wait_for(lambda: lane.words[lane_kernels.SAMPLE_RING + slot] == node.samples + 1)
-            spoil(lane, node.samples)
+            slot = ring_kernels.SAMPLE_WORDS * (node.samples % ring.slots)
+            wait_for(lambda: ring.words[ring_kernels.SAMPLE_RING + slot] == node.samples + 1)
+            spoil(ring, node.samples)
             spoiled.append(node.samples)
             wait_for(lambda: pair.fault)
         serve(node, timeout_s)
@@ -226,8 +226,8 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch):
 
 
 def test_between_rare_samples_an_end_sleeps_soon():
-    end = lane.closed()
-    assert lane.at_pace(end, 1e6).yield_ns == 100_000
-    assert lane.at_pace(end, 1e9).yield_ns == end.yield_ns
-    assert lane.at_pace(end, 1e5).yield_ns == end.yield_ns
-    assert lane.at_pace(end, 1e5).rest_us == 0 < end.rest_us
+    end = shared_memory.closed()
+    assert shared_memory.at_pace(end, 1e6).yield_ns == 100_000
+    assert shared_memory.at_pace(end, 1e9).yield_ns == end.yield_ns
+    assert shared_memory.at_pace(end, 1e5).yield_ns == end.yield_ns
+    assert shared_memory.at_pace(end, 1e5).rest_us == 0 < end.rest_us

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hertzloop.bus import lane_kernels
 from hertzloop.bus import messages_pb2 as messages
-from hertzloop.bus.lane_kernels import (
+from hertzloop.bus import ring_kernels
+from hertzloop.bus.ring_kernels import (
     ANSWER_WORDS,
     CLOSED,
     EVERY_STEPS,
@@ -27,7 +27,7 @@ from hertzloop.bus.lane_kernels import (
     VERSION,
 )
 
-MAGIC, _VERSION = int.from_bytes(b"hrtzlane", "little"), 1
+MAGIC, _VERSION = int.from_bytes(b"hrtzring", "little"), 1
 # Some ms of a loop that runs ahead: the other end may be off its core for that long.
 _SLOTS = 16_384
 _SPINS = 5000  # some 10 us, a few exchanges
@@ -39,14 +39,14 @@ _REST_US = 100
 _RARE_NS = 500_000  # ten times what a sleep takes
 _SET_TIMER_SLACK, _SLACK_NS = 29, 1_000  # of prctl; 50 us if not set
 
-# 0 on other systems than Linux, where there is no lane either.
+# 0 on other systems than Linux, where there is no ring either.
 _SEALS = sum(getattr(fcntl, f"F_SEAL_{kind}", 0) for kind in ("GROW", "SEAL", "SHRINK"))
 
 
-class NoLane(Exception):
-    """The lane cannot be joined; `answer` is the LaneAnswer that says why."""
+class NotShared(Exception):
+    """The ring cannot be joined; `answer` is the SharedMemoryAnswer that says why."""
 
-    def __init__(self, answer: messages.LaneAnswer) -> None:
+    def __init__(self, answer: messages.SharedMemoryAnswer) -> None:
         super().__init__()
         self.answer = answer
 
@@ -56,10 +56,10 @@ def segment_bytes(slots: int) -> int:
     return 8 * (SAMPLE_RING + slots * (SAMPLE_WORDS + ANSWER_WORDS))
 
 
-def _end(words: np.ndarray, slots: int) -> lane_kernels.Lane:
-    """One end of a lane in an array of words."""
+def _end(words: np.ndarray, slots: int) -> ring_kernels.Ring:
+    """One end of a ring in an array of words."""
     alone = bool(_SEALS) and len(os.sched_getaffinity(0)) == 1
-    return lane_kernels.Lane(
+    return ring_kernels.Ring(
         words=words,
         numbers=words.view(np.float64),
         own=np.zeros(OWN_COUNTS, np.int64),
@@ -77,7 +77,7 @@ def sleep_precisely() -> None:
         ctypes.CDLL(None).prctl(_SET_TIMER_SLACK, _SLACK_NS)
 
 
-def at_pace(end: lane_kernels.Lane, sample_ns: float) -> lane_kernels.Lane:
+def at_pace(end: ring_kernels.Ring, sample_ns: float) -> ring_kernels.Ring:
     """This end where a sample comes every so many ns, and is to be answered at once, whatever was
     promised: between rare ones it sleeps soon. One that yields all the time in a real-time class is
     held back by the kernel, for 50 ms of a second."""
@@ -87,14 +87,14 @@ def at_pace(end: lane_kernels.Lane, sample_ns: float) -> lane_kernels.Lane:
     return end._replace(yield_ns=min(end.yield_ns, int(sample_ns) // 10))
 
 
-def closed() -> lane_kernels.Lane:
-    """The end of a lane that is not there."""
+def closed() -> ring_kernels.Ring:
+    """The end of a ring that is not there."""
     return _end(np.zeros(SAMPLE_RING, np.int64), 1)
 
 
-def leave(lane: lane_kernels.Lane) -> None:
+def leave(ring: ring_kernels.Ring) -> None:
     """Tell the other end not to wait any longer."""
-    lane.words[CLOSED] = 1
+    ring.words[CLOSED] = 1
 
 
 def host() -> str:
@@ -105,7 +105,7 @@ def host() -> str:
 
 
 class Segment:
-    """A segment that the plant offers; `end` is its end of the lane."""
+    """A segment that the plant offers; `end` is its end of the ring."""
 
     def __init__(self, run_id: int, steps: int, every_steps: int) -> None:
         """Of a run of `steps` steps with a sample every `every_steps`. Raises OSError where there
@@ -113,17 +113,17 @@ class Segment:
         if not _SEALS:
             raise OSError("no sealed memory on this system")
         size = segment_bytes(_SLOTS)
-        self.fd = os.memfd_create("hertzloop-lane", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        self.fd = os.memfd_create("hertzloop-ring", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
         try:
             os.fchmod(self.fd, 0o600)
             os.ftruncate(self.fd, size)
             fcntl.fcntl(self.fd, fcntl.F_ADD_SEALS, _SEALS)
             words = np.frombuffer(mmap.mmap(self.fd, size), np.int64)
-            self._offer = messages.LaneOffer(host=host(), pid=os.getpid(), fd=self.fd)
+            self._offer = messages.SharedMemoryOffer(host=host(), pid=os.getpid(), fd=self.fd)
         except OSError:
             os.close(self.fd)
             raise
-        words[lane_kernels.MAGIC], words[VERSION], words[RUN_ID] = MAGIC, _VERSION, run_id
+        words[ring_kernels.MAGIC], words[VERSION], words[RUN_ID] = MAGIC, _VERSION, run_id
         words[SLOTS], words[STEPS], words[EVERY_STEPS] = (
             _SLOTS,
             steps,
@@ -132,7 +132,7 @@ class Segment:
         self.end = _end(words, _SLOTS)
 
     @property
-    def offer(self) -> messages.LaneOffer:
+    def offer(self) -> messages.SharedMemoryOffer:
         """What a hello says of it."""
         return self._offer
 
@@ -145,44 +145,44 @@ class Segment:
 
 def join(
     hello: messages.Hello, wanted: bool = True
-) -> tuple[lane_kernels.Lane | None, messages.LaneAnswer]:
-    """The controller's end of the lane that a hello offers, if any, and the LaneAnswer to it."""
-    if not hello.HasField("lane"):
+) -> tuple[ring_kernels.Ring | None, messages.SharedMemoryAnswer]:
+    """The controller's end of the ring that a hello offers, if any, and the answer to the offer."""
+    if not hello.HasField("shared_memory"):
         return None, messages.NOT_STATED
     if not wanted:
         return None, messages.SWITCHED_OFF
     try:
         return _join(hello), messages.JOINED
-    except NoLane as error:
+    except NotShared as error:
         return None, error.answer
     except OSError:
         return None, messages.NOT_ALLOWED
 
 
-def _join(hello: messages.Hello) -> lane_kernels.Lane:
-    if not _SEALS or not Path("/proc/self/ns/pid").exists() or hello.lane.host != host():
-        raise NoLane(messages.OTHER_HOST)
-    place = f"/proc/{hello.lane.pid}/fd/{hello.lane.fd}"
+def _join(hello: messages.Hello) -> ring_kernels.Ring:
+    if not _SEALS or not Path("/proc/self/ns/pid").exists() or hello.shared_memory.host != host():
+        raise NotShared(messages.OTHER_HOST)
+    place = f"/proc/{hello.shared_memory.pid}/fd/{hello.shared_memory.fd}"
     found = os.stat(place)  # before it is opened: opening a device can do something
     if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_nlink:
-        raise NoLane(messages.NOT_ALLOWED)
+        raise NotShared(messages.NOT_ALLOWED)
     fd = os.open(place, os.O_RDWR | os.O_CLOEXEC)
     try:
         if fcntl.fcntl(fd, fcntl.F_GET_SEALS) != _SEALS:  # it could shrink under the loop
-            raise NoLane(messages.NOT_ALLOWED)
+            raise NotShared(messages.NOT_ALLOWED)
         size = os.fstat(fd).st_size
         if size < segment_bytes(1):
-            raise NoLane(messages.NOT_ALLOWED)
+            raise NotShared(messages.NOT_ALLOWED)
         words = np.frombuffer(mmap.mmap(fd, size), np.int64)
     finally:
         os.close(fd)
     slots = int(words[SLOTS])
-    known = (words[lane_kernels.MAGIC], words[VERSION], words[RUN_ID]) == (
+    known = (words[ring_kernels.MAGIC], words[VERSION], words[RUN_ID]) == (
         MAGIC,
         _VERSION,
         hello.run_id,
     )
     if not known or slots < 1 or slots & (slots - 1) or segment_bytes(slots) != size:
-        raise NoLane(messages.NOT_ALLOWED)
+        raise NotShared(messages.NOT_ALLOWED)
     words[JOINED] = hello.run_id
     return _end(words, slots)

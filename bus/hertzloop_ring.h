@@ -1,36 +1,36 @@
 /* The fast lane: two rings of shared memory between a plant and a controller on one host.
  *
  * See docs/reference/lane.md. C11; little-endian, 64-bit. Every word is 8 bytes, every offset in bytes is given.
- * A controller maps the segment (size hertzloop_lane_bytes(slots)), checks magic, version and run_id,
+ * A controller maps the segment (size hertzloop_ring_bytes(slots)), checks magic, version and run_id,
  * writes run_id into `joined`, and after its first block on the bus answers samples with
  *
  *     while (n < samples) {
- *         int said = hertzloop_lane_sample(lane, n, &value);      0: not yet, 1: there, -1: a gap
+ *         int said = hertzloop_ring_sample(lane, n, &value);      0: not yet, 1: there, -1: a gap
  *         ...
- *         hertzloop_lane_answer(lane, &answers, ++n, force, NAN); 0: no room yet, try again
+ *         hertzloop_ring_answer(lane, &answers, ++n, force, NAN); 0: no room yet, try again
  *     }
  */
-#ifndef HERTZLOOP_LANE_H
-#define HERTZLOOP_LANE_H
+#ifndef HERTZLOOP_RING_H
+#define HERTZLOOP_RING_H
 
 #include <stdatomic.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#define HERTZLOOP_LANE_MAGIC 0x656e616c7a747268 /* "hrtzlane" */
-#define HERTZLOOP_LANE_VERSION 1
+#define HERTZLOOP_RING_MAGIC 0x676e69727a747268 /* "hrtzring" */
+#define HERTZLOOP_RING_VERSION 1
 
 typedef struct {
     _Atomic int64_t number; /* i + 1 once sample i is here; written last */
     double value;           /* physical value, in the unit of the sampled quantity */
-} hertzloop_lane_sample_t;
+} hertzloop_ring_sample_t;
 
 typedef struct {
     _Atomic int64_t number; /* i + 1 once record i is here; written last */
     int64_t samples;        /* samples that are answered once this record is read */
     double force_n;         /* of the next step; NaN: all that are known were given */
     double level;           /* the force stays zero while samples stay above; NaN: no promise */
-} hertzloop_lane_answer_t;
+} hertzloop_ring_answer_t;
 
 typedef struct {
     int64_t magic, version; /* 0, 8 */
@@ -43,17 +43,17 @@ typedef struct {
     int64_t spare[8];
     _Atomic int64_t answers_taken; /* 128: the plant's; records below it may be written over */
     int64_t spare_too[15];
-    hertzloop_lane_sample_t samples[]; /* 256: `slots` of them, then `slots` answers */
-} hertzloop_lane;
+    hertzloop_ring_sample_t samples[]; /* 256: `slots` of them, then `slots` answers */
+} hertzloop_ring;
 
-static inline size_t hertzloop_lane_bytes(int64_t slots) {
-    size_t record = sizeof(hertzloop_lane_sample_t) + sizeof(hertzloop_lane_answer_t);
-    return sizeof(hertzloop_lane) + (size_t)slots * record;
+static inline size_t hertzloop_ring_bytes(int64_t slots) {
+    size_t record = sizeof(hertzloop_ring_sample_t) + sizeof(hertzloop_ring_answer_t);
+    return sizeof(hertzloop_ring) + (size_t)slots * record;
 }
 
 /* Sample i, from 0 on. Returns 1 if it is there, 0 if not yet, -1 if there is another in its place. */
-static inline int hertzloop_lane_sample(hertzloop_lane *lane, int64_t i, double *value) {
-    hertzloop_lane_sample_t *slot = &lane->samples[i & (lane->slots - 1)];
+static inline int hertzloop_ring_sample(hertzloop_ring *lane, int64_t i, double *value) {
+    hertzloop_ring_sample_t *slot = &lane->samples[i & (lane->slots - 1)];
     int64_t number = atomic_load_explicit(&slot->number, memory_order_acquire);
     if (number != i + 1) return number < i + 1 ? 0 : -1; /* of a lap before, or after */
     *value = slot->value;
@@ -61,10 +61,10 @@ static inline int hertzloop_lane_sample(hertzloop_lane *lane, int64_t i, double 
 }
 
 /* Put one record; `put` counts those put so far, from 0. Returns 0 if there is no room yet. */
-static inline int hertzloop_lane_answer(
-    hertzloop_lane *lane, int64_t *put, int64_t samples, double force_n, double level) {
-    hertzloop_lane_answer_t *ring = (hertzloop_lane_answer_t *)(lane->samples + lane->slots);
-    hertzloop_lane_answer_t *slot = &ring[*put & (lane->slots - 1)];
+static inline int hertzloop_ring_answer(
+    hertzloop_ring *lane, int64_t *put, int64_t samples, double force_n, double level) {
+    hertzloop_ring_answer_t *ring = (hertzloop_ring_answer_t *)(lane->samples + lane->slots);
+    hertzloop_ring_answer_t *slot = &ring[*put & (lane->slots - 1)];
     if (*put >= lane->slots + atomic_load_explicit(&lane->answers_taken, memory_order_acquire))
         return 0;
     slot->samples = samples;

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from hertzloop.bus import lane, lane_kernels
+from hertzloop.bus import ring_kernels, shared_memory
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.recordings.reader import read
 from tests.commands import as_options
@@ -27,12 +27,12 @@ SETTINGS = ["controller.law=force_feedback", "controller.kappa=0.4", "controller
 @pytest.fixture(scope="module")
 def example(messages, tmp_path_factory):
     """The example's program and messages, as environment."""
-    program = tmp_path_factory.mktemp("lane") / "lane_controller"
+    program = tmp_path_factory.mktemp("lane") / "ring_controller"
     words = ["cc", "-O2", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off"]
-    source = EXAMPLES / "lane_controller.c"
+    source = EXAMPLES / "ring_controller.c"
     subprocess.run([*words, "-I", ROOT / "bus", "-o", program, source], check=True)
     path = os.pathsep.join([str(messages), str(EXAMPLES)])
-    return {**os.environ, "LANE_CONTROLLER": str(program), "PYTHONPATH": path}
+    return {**os.environ, "RING_CONTROLLER": str(program), "PYTHONPATH": path}
 
 
 @contextmanager
@@ -44,7 +44,7 @@ def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[
         bus.start(PLANT, *plant, wait_s=240.0),
         bus.start(RECORDER, "--out", str(recording), *patience, wait_s=240.0),
         subprocess.Popen(
-            [sys.executable, EXAMPLES / "lane_controller.py", *bus.words(CONTROLLER, 240.0)],
+            [sys.executable, EXAMPLES / "ring_controller.py", *bus.words(CONTROLLER, 240.0)],
             env=example,
             text=True,
             stderr=subprocess.PIPE,
@@ -87,9 +87,9 @@ def test_a_program_that_is_killed_is_named(example, tmp_path):
 
 
 def test_the_header_has_the_same_layout():
-    text = (ROOT / "bus" / "hertzloop_lane.h").read_text()
+    text = (ROOT / "bus" / "hertzloop_ring.h").read_text()
     offsets = {name: int(at) for name, at in re.findall(r"(\w+);\s*/\* (\d+):", text)}
     names = "run_id", "slots", "steps", "every_steps", "joined", "closed", "answers_taken"
-    words = {name: 8 * getattr(lane_kernels, name.upper()) for name in names}
+    words = {name: 8 * getattr(ring_kernels, name.upper()) for name in names}
     assert {name: offsets[name] for name in names} == words
-    assert f"{lane.MAGIC:#x}" in text
+    assert f"{shared_memory.MAGIC:#x}" in text

@@ -42,8 +42,8 @@ def over_the_bus(zero, seen, triggered, level):
     found, unsent = exchange_after(zero, triggered)
     header = ForceBlock(
         samples_seen=seen,
-        promise_zero=level is not None,
-        promise_level=7.0 if level is None else level,
+        zero_until_trigger=level is not None,
+        trigger_level=7.0 if level is None else level,
     )
     receive_forces(found, unsent, header, np.zeros(1), 0)
     return granted(found)

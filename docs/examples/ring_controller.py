@@ -1,7 +1,7 @@
 """The way onto the bus of a controller in C on the fast lane: see docs/reference/lane.md.
 
-It answers the plant's first samples itself, hands the segment to lane_controller (beside this file,
-or at $LANE_CONTROLLER), and publishes the forces that come back in blocks, for the recorder.
+It answers the plant's first samples itself, hands the segment to ring_controller (beside this file,
+or at $RING_CONTROLLER), and publishes the forces that come back in blocks, for the recorder.
 """
 
 import os
@@ -13,11 +13,11 @@ from array import array
 from pathlib import Path
 
 import own_controller
-from messages_pb2 import ForceBlock, LaneAnswer
+from messages_pb2 import ForceBlock, SharedMemoryAnswer
 
 LAW = "a share of what it senses, in C"
 BLOCK = 1000
-PROGRAM = os.environ.get("LANE_CONTROLLER", Path(__file__).with_name("lane_controller"))
+PROGRAM = os.environ.get("RING_CONTROLLER", Path(__file__).with_name("ring_controller"))
 
 
 class Share:
@@ -37,7 +37,7 @@ class Share:
         return self.kappa * sensed
 
 
-class LaneController(own_controller.Controller):
+class RingController(own_controller.Controller):
     """As over the bus, until the lane is there."""
 
     lane = None
@@ -50,10 +50,10 @@ class LaneController(own_controller.Controller):
         own, joined = self.say, []
 
         def say(stream, message):
-            if stream == "force" and not message.sequence and self.hello.HasField("lane"):
-                offer = self.hello.lane
+            if stream == "force" and not message.sequence and self.hello.HasField("shared_memory"):
+                offer = self.hello.shared_memory
                 joined.append(os.open(f"/proc/{offer.pid}/fd/{offer.fd}", os.O_RDWR))
-                message.lane = LaneAnswer.JOINED
+                message.shared_memory = SharedMemoryAnswer.JOINED
             own(stream, message)
 
         self.say = say
@@ -91,7 +91,7 @@ class LaneController(own_controller.Controller):
 
 
 own_controller.LAW, own_controller.SlopeThreshold = LAW, Share
-own_controller.Controller = LaneController
+own_controller.Controller = RingController
 
 if __name__ == "__main__":
     own_controller.main()

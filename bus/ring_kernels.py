@@ -1,4 +1,4 @@
-"""Compiled kernels of the fast lane: two rings in shared memory, as hertzloop_lane.h has them in C.
+"""Compiled kernels of the fast lane: two rings in shared memory, as hertzloop_ring.h has them in C.
 
 See docs/reference/lane.md.
 """
@@ -21,7 +21,7 @@ MAGIC, VERSION, RUN_ID, SLOTS, STEPS, EVERY_STEPS, JOINED, CLOSED = range(8)
 ANSWERS_TAKEN, SAMPLE_RING = 16, 32
 SAMPLE_WORDS, ANSWER_WORDS = 2, 4
 # What one end counts for itself. FORCES_PUT: steps whose force the controller has put into the
-# lane, SAMPLES_PUT: samples that it has answered there.
+# ring, SAMPLES_PUT: samples that it has answered there.
 # TRIGGERED: samples that the controller had answered when it last answered one without a promise.
 # WAITS, WAITED_NS: how often, and about how long, this end has waited for the other.
 OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT, TRIGGERED, WAITS, WAITED_NS = range(9)
@@ -32,8 +32,8 @@ _SLEEP_US, _AT_ONCE = np.int64(50), np.int64(0)
 _REST_AFTER = 1000  # samples under a promise: what a rest may delay is less than what they took
 
 
-class Lane(NamedTuple):
-    """One end of the lane: the segment as integers and, the same memory, as doubles; this end's
+class Ring(NamedTuple):
+    """One end of the ring: the segment as integers and, the same memory, as doubles; this end's
     counts; looks before it lets others run, how long it does that and waits at all (ns), and how
     long the controller sleeps between looks where the plant does not wait for it (us), 0 for never.
     """
@@ -49,133 +49,133 @@ class Lane(NamedTuple):
 
 
 @kernel
-def _wait_slowly(lane, at, expected, yield_ns, rest_us):
+def _wait_slowly(ring, at, expected, yield_ns, rest_us):
     """Wait for `expected` in word `at`, letting others run for `yield_ns` and then sleeping for
     `rest_us` at a time; False after `wait_ns`, or once a side has left."""
     began, waited = now_ns(), 0
-    while load_acquire(lane.words, at) < expected:
-        if waited > lane.wait_ns or load_acquire(lane.words, CLOSED) != 0:
+    while load_acquire(ring.words, at) < expected:
+        if waited > ring.wait_ns or load_acquire(ring.words, CLOSED) != 0:
             break
         if waited < yield_ns:
             yield_core()
         else:
             sleep_us(rest_us)
         waited = now_ns() - began
-    lane.own[WAITED_NS] += waited
-    return load_acquire(lane.words, at) >= expected
+    ring.own[WAITED_NS] += waited
+    return load_acquire(ring.words, at) >= expected
 
 
 @kernel(inline=True)
-def _wait(lane, at, expected):
+def _wait(ring, at, expected):
     """Wait until word `at`, which grows, has reached `expected`; False if it did not in time."""
-    own = lane.own
+    own = ring.own
     own[WAITS] += 1
     timed = own[WAITS] % _TIME_EVERY == 0
     began = now_ns() if timed else 0
     there = False
-    for _ in range(lane.spins):
-        if load_acquire(lane.words, at) >= expected:
+    for _ in range(ring.spins):
+        if load_acquire(ring.words, at) >= expected:
             there = True
             break
     if timed:
         own[WAITED_NS] += _TIME_EVERY * (now_ns() - began)
-    return there or _wait_slowly(lane, at, expected, lane.yield_ns, _SLEEP_US)
+    return there or _wait_slowly(ring, at, expected, ring.yield_ns, _SLEEP_US)
 
 
 @kernel(inline=True)
-def _sample_slot(lane, i):
-    return SAMPLE_RING + (i & (lane.slots - 1)) * SAMPLE_WORDS
+def _sample_slot(ring, i):
+    return SAMPLE_RING + (i & (ring.slots - 1)) * SAMPLE_WORDS
 
 
 @kernel(inline=True)
-def _answer_slot(lane, i):
-    ring = SAMPLE_RING + lane.slots * SAMPLE_WORDS
-    return ring + (i & (lane.slots - 1)) * ANSWER_WORDS
+def _answer_slot(ring, i):
+    answers = SAMPLE_RING + ring.slots * SAMPLE_WORDS
+    return answers + (i & (ring.slots - 1)) * ANSWER_WORDS
 
 
 @kernel(inline=True)
-def put_sample(lane, i, value):
+def put_sample(ring, i, value):
     """The plant: write sample `i`; the one a lap before must have been answered."""
-    at = _sample_slot(lane, i)
-    lane.numbers[at + 1] = value
-    store_release(lane.words, at, i + 1)
+    at = _sample_slot(ring, i)
+    ring.numbers[at + 1] = value
+    store_release(ring.words, at, i + 1)
 
 
 @kernel(inline=True)
-def sample_is_there(lane, i):
+def sample_is_there(ring, i):
     """Whether sample `i` can be taken."""
-    return load_acquire(lane.words, _sample_slot(lane, i)) >= i + 1
+    return load_acquire(ring.words, _sample_slot(ring, i)) >= i + 1
 
 
 @kernel(inline=True)
-def wait_for_sample(lane, i):
+def wait_for_sample(ring, i):
     """Wait for sample `i`; False if it did not come in time. Where the plant has been running ahead
     under a promise for a while, it does not wait for the answer, and the core is left to others."""
-    at = _sample_slot(lane, i)
-    if lane.rest_us == 0 or i - lane.own[TRIGGERED] < _REST_AFTER:
-        return _wait(lane, at, i + 1)
-    return _wait_slowly(lane, at, i + 1, _AT_ONCE, lane.rest_us)
+    at = _sample_slot(ring, i)
+    if ring.rest_us == 0 or i - ring.own[TRIGGERED] < _REST_AFTER:
+        return _wait(ring, at, i + 1)
+    return _wait_slowly(ring, at, i + 1, _AT_ONCE, ring.rest_us)
 
 
 @kernel(inline=True)
-def sample_number(lane, i):
+def sample_number(ring, i):
     """What stands as number in the place of sample `i`: i + 1, or something was lost."""
-    return lane.words[_sample_slot(lane, i)]
+    return ring.words[_sample_slot(ring, i)]
 
 
 @kernel(inline=True)
-def sample_value(lane, i):
+def sample_value(ring, i):
     """Sample `i`, which is there."""
-    return lane.numbers[_sample_slot(lane, i) + 1]
+    return ring.numbers[_sample_slot(ring, i) + 1]
 
 
 @kernel(inline=True)
-def wait_for_room(lane):
+def wait_for_room(ring):
     """The controller: wait until the next record may be written; False if not in time."""
-    own = lane.own
+    own = ring.own
     if own[PUT] < own[ROOM]:
         return True
-    if not _wait(lane, ANSWERS_TAKEN, own[PUT] + 1 - lane.slots):
+    if not _wait(ring, ANSWERS_TAKEN, own[PUT] + 1 - ring.slots):
         return False
-    own[ROOM] = lane.slots + load_acquire(lane.words, ANSWERS_TAKEN)
+    own[ROOM] = ring.slots + load_acquire(ring.words, ANSWERS_TAKEN)
     return True
 
 
 @kernel(inline=True)
-def put_answer(lane, samples, force, level):
+def put_answer(ring, samples, force, level):
     """The controller: write the next record, for which there is room."""
-    i = lane.own[PUT]
-    at = _answer_slot(lane, i)
-    lane.words[at + 1] = samples
-    lane.numbers[at + 2] = force
-    lane.numbers[at + 3] = level
-    store_release(lane.words, at, i + 1)
-    lane.own[PUT] = i + 1
+    i = ring.own[PUT]
+    at = _answer_slot(ring, i)
+    ring.words[at + 1] = samples
+    ring.numbers[at + 2] = force
+    ring.numbers[at + 3] = level
+    store_release(ring.words, at, i + 1)
+    ring.own[PUT] = i + 1
 
 
 @kernel(inline=True)
-def answer_is_there(lane):
+def answer_is_there(ring):
     """Whether the next record of an answer can be taken."""
-    i = lane.own[TAKEN]
-    return load_acquire(lane.words, _answer_slot(lane, i)) >= i + 1
+    i = ring.own[TAKEN]
+    return load_acquire(ring.words, _answer_slot(ring, i)) >= i + 1
 
 
 @kernel(inline=True)
-def wait_for_answer(lane):
+def wait_for_answer(ring):
     """Wait for the next record of an answer; False if it did not come in time."""
-    i = lane.own[TAKEN]
-    return _wait(lane, _answer_slot(lane, i), i + 1)
+    i = ring.own[TAKEN]
+    return _wait(ring, _answer_slot(ring, i), i + 1)
 
 
 @kernel(inline=True)
-def receive_force(lane):
+def receive_force(ring):
     """The next record, which is there: its number less the expected one, samples, force, level."""
-    i = lane.own[TAKEN]
-    at = _answer_slot(lane, i)
-    excess = lane.words[at] - (i + 1)
-    samples, force, level = lane.words[at + 1], lane.numbers[at + 2], lane.numbers[at + 3]
-    lane.own[TAKEN] = i + 1
-    store_release(lane.words, ANSWERS_TAKEN, i + 1)
+    i = ring.own[TAKEN]
+    at = _answer_slot(ring, i)
+    excess = ring.words[at] - (i + 1)
+    samples, force, level = ring.words[at + 1], ring.numbers[at + 2], ring.numbers[at + 3]
+    ring.own[TAKEN] = i + 1
+    store_release(ring.words, ANSWERS_TAKEN, i + 1)
     return excess, samples, force, level
 
 
