@@ -84,7 +84,7 @@ def ends_at_once(envelope: Envelope) -> list[Envelope]:
 BREACHES: dict[str, tuple[Alter, str | tuple[str, ...]]] = {
     "a force where none was promised": (
         forces(lambda header, force: force + 1.0 if header.sequence == 1 else None),
-        "breaks the promise of zero force"),
+        "in which the force was to stay zero"),
     "forces beyond the end": (
         forces(lambda header, force: np.append(force, 0.0)
                if header.first_step + len(force) == STEPS else None),

@@ -165,7 +165,7 @@ def record(
 
 
 def in_threads(scene: Setup, path: Path) -> Recording:
-    """A run over the lane, with queues for a bus."""
+    """A run over the ring, with queues for a bus."""
     pair = Pair(scene).run()
     assert pair.fault == pair.controller_fault == ""
     assert pair.stats.shared_memory == "JOINED"
