@@ -71,5 +71,5 @@ int64_t hertzloop_known_ahead(const void *p, const void *s, const double *sample
 double hertzloop_command_ahead(const void *p, const void *s, const double *samples, int64_t i,
                                int64_t j);
 /* If the law can: zero commands are certain while samples stay above this; inf for no promise. */
-double hertzloop_quiet_level(const void *p, const void *s);
+double hertzloop_trigger_level(const void *p, const void *s);
 #endif
