@@ -127,7 +127,7 @@ def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
     )
     # A program of the user's exits with a code of its own after it was told of a fault.
     for child in sorted(failed, key=lambda c: (isinstance(c.process, Program), (c.code or 0) >= 0)):
-        if reason := child.own_reason():
+        if (reason := child.own_reason()) and not _was_missed_before(child, failed):
             told = [one.fault for one in failed if one.fault and one.fault.others]
             # What it says on the bus tells more than how it then exits.
             if isinstance(child.process, Program) and not any(fault.lost for fault in told):
@@ -141,6 +141,20 @@ def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
         hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
         return not_responding(hung, first.sentence, hangs if CONTROLLER in hung else "")
     return first.sentence
+
+
+def _was_missed_before(child: ChildProcess, failed: Iterable[ChildProcess]) -> bool:
+    """Whether the fault of a process follows from its absence: it then lacks messages."""
+    return (
+        child.fault is not None
+        and (child.code or 0) > 0
+        and child.code != INTERRUPTED
+        and any(
+            child.role in one.fault.lost and one.fault.at_s < child.fault.at_s
+            for one in failed
+            if one.fault
+        )
+    )
 
 
 def not_responding(roles: Iterable[str], how: str, why: str = "") -> str:

@@ -88,8 +88,11 @@ def test_who_gave_up_is_not_to_blame_for_leaving():
     assert cause(recorder, plant, awake) == "nothing from the controller"
     assert cause(told, plant, recorder) == "nothing from the controller"
     assert cause(told) == "the plant ended the run"
-    own = ended("controller", "its own", others=False, at_s=3.0)
+    gap = ended("controller", "a gap in what it heard while it slept", others=False, at_s=3.0)
+    assert cause(recorder, plant, gap) == "nothing from the controller"
+    own = ended("controller", "its own", others=False, at_s=0.5)
     assert cause(recorder, plant, own) == "its own"
+    own.fault = None
     own.code = -9
     assert cause(recorder, plant, own) == "controller was killed by SIGKILL"
 
