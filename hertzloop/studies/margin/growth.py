@@ -80,7 +80,7 @@ def _growth(setup: Setup, digest: str) -> Growth | NotLinearError:
     if not count:
         return Growth(0, 0.0, None, 0.0)
     fastest = fastest_pole(*loops.at(latency))
-    if fastest is None:
+    if fastest is None or abs(fastest) <= 1.0:  # too close to the circle to be told
         return Growth(count, None, None, None)
     sample_s = setup.run.step_s * len(loops.every)
     return Growth(count, math.log(abs(fastest)) / sample_s, frequency_hz(fastest, sample_s), None)

@@ -21,7 +21,12 @@ from hertzloop.studies.margin.flight import Margin
 from hertzloop.studies.margin.gain import needle_angles
 from hertzloop.studies.margin.identify import NotLinearError
 from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
-from hertzloop.studies.margin.table import FrequencyResponse, Samples, middle_of_cubic, refined
+from hertzloop.studies.margin.table import (
+    FrequencyResponse,
+    SampledResponse,
+    middle_of_cubic,
+    refined,
+)
 
 _HALVINGS, _POLISHES = 50, 4
 _CLOSE = 0.05  # largest error of an interpolated log size
@@ -198,14 +203,14 @@ class ErrorResponse:
         other = theta[np.append(left + 1, right - 1)]
         for _ in range(_HALVINGS):
             middle = 0.5 * (best + other)
-            _, found, slope = _summed(weights, Samples(middle, *self.at(middle)))
+            _, found, slope = _summed(weights, SampledResponse(middle, *self.at(middle)))
             higher, onward = found > size, slope * (other - best) > 0.0
             other = np.where(higher, np.where(onward, other, best), middle)
             best, size = np.where(higher, middle, best), np.maximum(found, size)
         self._samples = self._samples.with_more(np.setdiff1d(best, theta), self.at)
 
 
-def _unsure(left: Samples, middle: Samples, right: Samples) -> np.ndarray:
+def _unsure(left: SampledResponse, middle: SampledResponse, right: SampledResponse) -> np.ndarray:
     """Whether the cubic through both ends does not predict the middle, where the sum over all steps
     is large."""
     before, now, after = (_summed(1.0, part) for part in (left, middle, right))
@@ -214,10 +219,10 @@ def _unsure(left: Samples, middle: Samples, right: Samples) -> np.ndarray:
     return (np.abs(now.value - expected) > _CLOSE) & (largest > largest.max() - _FAR)
 
 
-def _summed(weights: Any, samples: Samples) -> Samples:
+def _summed(weights: Any, samples: SampledResponse) -> SampledResponse:
     """Return the log of the weighted sum of the exponentials of all steps, and its slope."""
     top = samples.value.max(axis=0)
     terms = np.exp(samples.value - top) * np.reshape(weights, (-1, 1))
     total = np.maximum(terms.sum(axis=0), 1e-300)
     slope = (terms * samples.slope).sum(axis=0) / total
-    return Samples(samples.theta, top + np.log(total), slope)
+    return SampledResponse(samples.theta, top + np.log(total), slope)

@@ -118,29 +118,31 @@ def grid(poles: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], theta, [math.pi]])
 
 
-class Samples(NamedTuple):
+class SampledResponse(NamedTuple):
     """A response at rising angles, rad: its values, and their slopes by the angle, last axis."""
 
     theta: np.ndarray
     value: np.ndarray
     slope: np.ndarray
 
-    def with_more(self, theta: np.ndarray, at: Sampled) -> "Samples":
+    def with_more(self, theta: np.ndarray, at: Sampled) -> "SampledResponse":
         """Return them with the response `at` more angles, which are rising and not there yet."""
         where = np.searchsorted(self.theta, theta)
-        return Samples(
+        return SampledResponse(
             np.insert(self.theta, where, theta),
             *(np.insert(old, where, new, -1) for old, new in zip(self[1:], at(theta), strict=True)),
         )
 
-    def part(self, which: Any) -> "Samples":
+    def part(self, which: Any) -> "SampledResponse":
         """Return some of them."""
-        return Samples(self.theta[which], self.value[..., which], self.slope[..., which])
+        return SampledResponse(self.theta[which], self.value[..., which], self.slope[..., which])
 
 
 def refined(
-    theta: np.ndarray, at: Sampled, unsure: Callable[[Samples, Samples, Samples], np.ndarray]
-) -> Samples:
+    theta: np.ndarray,
+    at: Sampled,
+    unsure: Callable[[SampledResponse, SampledResponse, SampledResponse], np.ndarray],
+) -> SampledResponse:
     """Return a response sampled so that its middles follow from the ends of all intervals.
 
     Args:
@@ -149,7 +151,7 @@ def refined(
         unsure: tells, from the left ends, the middles and the right ends of intervals, in which
             halves of these more middles are needed.
     """
-    samples = Samples(theta, *at(theta))
+    samples = SampledResponse(theta, *at(theta))
     open_ = np.ones(len(theta) - 1, bool)
     for _ in range(_MOST_ROUNDS):
         theta = samples.theta
@@ -165,13 +167,13 @@ def refined(
     return samples
 
 
-def middle_of_cubic(left: Samples, right: Samples) -> np.ndarray:
+def middle_of_cubic(left: SampledResponse, right: SampledResponse) -> np.ndarray:
     """Return the middles of the cubics through values and slopes at both ends of intervals."""
     bend = 0.125 * (right.theta - left.theta) * (left.slope - right.slope)
     return np.asarray(0.5 * (left.value + right.value) + bend)
 
 
-def _unsure(left: Samples, middle: Samples, right: Samples) -> np.ndarray:
+def _unsure(left: SampledResponse, middle: SampledResponse, right: SampledResponse) -> np.ndarray:
     """Whether the cubic through log L does not predict the middle, or the phase turns too far."""
     away = middle_of_cubic(left, right) - middle.value
     # The phase may be off by whole turns, and half of that in the middle.
@@ -219,7 +221,7 @@ def make_table(plant: TransferFunction, law: TransferFunction) -> NyquistTable:
     return NyquistTable(tuple(arcs), outside, theta, size + 1j * phase, log_of)
 
 
-def _hidden(samples: Samples, error: float) -> np.ndarray:
+def _hidden(samples: SampledResponse, error: float) -> np.ndarray:
     """Return extrema of the cubics through log |L| that lie beyond |L| = 1, or within `error` of
     it, while both ends lie on this side of it."""
     theta, size, slope = samples.theta, samples.value.real, samples.slope.real
