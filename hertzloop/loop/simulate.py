@@ -1,7 +1,6 @@
 """A scene simulated in memory, without bus or recording."""
 
 import time
-from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
@@ -12,9 +11,7 @@ from hertzloop.closed_loop.exchange import (
     DIRECT,
     IMPACT_OVER,
     SAMPLES_END,
-    SAMPLES_FIRST,
     TRUTH_END,
-    TRUTH_FIRST,
 )
 from hertzloop.closed_loop.parts import controller_side, empty_unsent, exchange, plant_side
 from hertzloop.controller import law_kernels as laws
@@ -30,8 +27,6 @@ from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.setup import Setup
-
-_PIECE_STEPS = 1 << 16  # of a long run, simulated piece by piece
 
 
 class LawStopped(SceneError):
@@ -138,30 +133,23 @@ def _watching(setup: Setup, controller: Controller) -> AbstractContextManager[No
     return watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES]))
 
 
-def closed_loop_truth(setup: Setup, disturbance: float = 0.0) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the time series of a scene with its law, in blocks.
+def closed_loop_truth(setup: Setup, disturbance: float = 0.0) -> np.ndarray:
+    """Return the time series of a scene with its law, shape (10, steps).
 
     Args:
         setup: Setup of the run.
         disturbance: Relative change of the sphere's initial speed.
-
-    Yields:
-        The first step of a block, and its time series, shape (10, steps).
 
     Raises:
         SceneError: The law has failed.
     """
     plant, controller = build_plant(setup), build_controller(setup, ahead=False)
     plant.state.body[FLIGHT_V] *= 1.0 + disturbance
-    side = plant_side(plant, build_sensor(setup))
-    direct, counts = exchange(DIRECT, controller_side(controller)), empty_unsent(0, 0).counts
-    for first in range(0, setup.run.steps, _PIECE_STEPS):
-        length = min(_PIECE_STEPS, setup.run.steps - first)
-        unsent = empty_unsent(length, length)._replace(counts=counts)
-        counts[[TRUTH_FIRST, TRUTH_END]], counts[SAMPLES_FIRST] = 0, counts[SAMPLES_END]
-        loop.run(side, direct, unsent, first + length)
-        _check(controller)
-        yield first, unsent.truth
+    side, steps = plant_side(plant, build_sensor(setup)), setup.run.steps
+    unsent = empty_unsent(steps, steps)
+    loop.run(side, exchange(DIRECT, controller_side(controller)), unsent, steps)
+    _check(controller)
+    return unsent.truth
 
 
 def _check(controller: Controller) -> None:

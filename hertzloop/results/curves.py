@@ -46,5 +46,5 @@ def overlay(setup: Setup, truth: np.ndarray, names: Iterable[str]) -> Overlay:
         for name in names
     }
     touched = contacts[0][0] if contacts else None
-    speed_m_s, start_j = truth[V_P, :SPECTRUM_STEPS], float(np.sum(energies.sphere[:1]))
-    return Overlay(lines, touched, speed_m_s, start_j)
+    start_j = float(np.sum(energies.sphere[:1]))
+    return Overlay(lines, touched, truth[V_P, :SPECTRUM_STEPS].copy(), start_j)

@@ -22,7 +22,7 @@ from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.results.recorded import truth_of
 from hertzloop.scene.setup import Setup
 
-NODES = 2401  # of the grid, about
+NODES = 1681  # of the grid, about
 MODES_PER_AXIS = 160  # at most; all modes of the shipped scenes
 _MOST_MODES = 4000  # of a plate with other edges than simply supported ones
 _FLAT_RADII = 12.0  # of the sphere, from the contact to the edge of what has no shapes

@@ -105,5 +105,5 @@ def _impact(
         return None
     impact, end = part.impact, start + part.touching
     noise = impact_noise(spec, modes, noise_inputs(impact, part.drive, part.speed_max_m_s))
-    contact_n = truth[F_C, start:end]
+    contact_n = truth[F_C, start:end].copy()
     return ImpactMetrics(start, end, over, contact_n, end < steps, impact, noise)

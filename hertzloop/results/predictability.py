@@ -86,15 +86,10 @@ def known_impacts(
     return found
 
 
-def _time_series(setup: Setup, disturbance: float = 0.0) -> np.ndarray:
-    """Simulate a scene with its law; shape (10, steps). Raises SceneError if the law fails."""
-    return np.concatenate([part for _, part in closed_loop_truth(setup, disturbance)], axis=1)
-
-
 def _impacts(setup: Setup, disturbance: float = 0.0) -> list[Values]:
     """Simulate the impacts of a run, and return their metrics."""
     with np.errstate(over="ignore", invalid="ignore"):
-        found = impacts_of(setup, _time_series(setup, disturbance))
+        found = impacts_of(setup, closed_loop_truth(setup, disturbance))
         return values_of([one.impact for one in found], [one.noise for one in found])
 
 
@@ -139,7 +134,7 @@ def horizon_step(setup: Setup, tolerance: float) -> int | None:
     if not SCHEMES[setup.run.scheme].converges:
         return None
     allowed = tolerance * DISTURBANCE / ROUNDING
-    truth, disturbed = _time_series(setup), _time_series(setup, DISTURBANCE)
+    truth, disturbed = closed_loop_truth(setup), closed_loop_truth(setup, DISTURBANCE)
     largest = np.abs(truth).max(axis=1)
     largest[[F_C1, F_A1]] = largest[[F_C, F_A]]  # slopes are as exact as their forces
     largest[largest == 0.0] = 1.0

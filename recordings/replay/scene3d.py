@@ -1,7 +1,7 @@
 """The plate, the sphere and the actuator in three dimensions, in the viewer's own light."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
@@ -18,7 +18,7 @@ _RUNAWAY = 100.0  # times as large as at the first impact: a run that explodes
 _MOST_SHARE = 0.3  # largest deflection as drawn; what is beyond is cut
 _HIGHEST_SHARE = 0.35  # of the sphere as drawn: it stays in the picture
 _FLAT_M = 1e-15  # less than this is no deflection
-_EXACT_SHARE = 1e-3  # error of a surface as drawn, of the plate's shorter side: below one pixel
+_EXACT_SHARE = 5e-4  # error of a surface as drawn, of the plate's shorter side: below one pixel
 _NORMAL_STEP = 1 / 64  # of a unit normal: finer than its light can be told
 _LOW, _REST, _HIGH = (np.array(c) for c in ((38, 98, 214), (196, 204, 214), (226, 84, 44)))
 _STEEL, _TOUCHING = 0xC4CCD6FF, 0xFFB020FF
@@ -138,48 +138,23 @@ def _colours(deflection: Deflection, drawn: Scale) -> np.ndarray:
     return np.asarray((red << 24) | (green << 16) | (blue << 8) | np.uint32(255))
 
 
-def enough_lines(along_m: np.ndarray, heights: np.ndarray, within_m: float) -> np.ndarray:
-    """Ascending positions along an axis (n,), both ends among them, between which straight lines
-    keep within `within_m` of the heights (frames, n, m)."""
-    kept, last = [0], len(along_m) - 1
-    while (a := kept[-1]) < last:
-        b = a + 1
-        while b < last:
-            share = ((along_m[a + 1 : b + 1] - along_m[a]) / (along_m[b + 1] - along_m[a]))[:, None]
-            start, end = heights[:, a, None], heights[:, b + 1, None]
-            error = abs(start + share * (end - start) - heights[:, a + 1 : b + 1]).max(initial=0.0)
-            if not error <= within_m:
-                break
-            b += 1
-        kept.append(b)
-    return np.array(kept)
-
-
 def send_plate(stream: rr.RecordingStream, deflection: Deflection, drawn: Scale) -> None:
     """The deflecting plate with its rim at rest."""
     (x0, y0), (x1, y1) = deflection.low_m, (deflection.x_m[-1], deflection.y_m[-1])
     edge = [(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0), (x0, y0, 0)]
     stream.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     stream.log("scene/edge", rr.LineStrips3D([edge], colors=(120, 130, 145)), static=True)
-    # What each frame repeats decides how large the file is: only as many nodes as the surface
-    # needs.
-    w, within_m = heights(deflection, drawn), _EXACT_SHARE * min(deflection.size_m)
-    i = enough_lines(deflection.x_m, w, within_m)
-    j = enough_lines(deflection.y_m, w[:, i].transpose(0, 2, 1), within_m)
-    w_m = deflection.w_m[:, i][:, :, j]
-    coarse = replace(deflection, x_m=deflection.x_m[i], y_m=deflection.y_m[j], w_m=w_m)
-    places, normals = _vertices(coarse, drawn)
+    places, normals = _vertices(deflection, drawn)
     # Round numbers are packed smaller.
-    places[..., 2] = _rounded(places[..., 2], 0.5 * within_m)
-    normals = _rounded(normals, _NORMAL_STEP)
-    looks = rr.Mesh3D.from_fields(triangle_indices=_triangles(coarse))
+    places[..., 2] = _rounded(places[..., 2], _EXACT_SHARE * min(deflection.size_m))
+    looks = rr.Mesh3D.from_fields(triangle_indices=_triangles(deflection))
     stream.log("scene/plate", looks, static=True)
     columns = rr.Mesh3D.columns(
         vertex_positions=places.reshape(-1, 3),
-        vertex_normals=normals.reshape(-1, 3),
-        vertex_colors=_colours(coarse, drawn).ravel(),
+        vertex_normals=_rounded(normals, _NORMAL_STEP).reshape(-1, 3),
+        vertex_colors=_colours(deflection, drawn).ravel(),
     )
-    frames = [len(i) * len(j)] * len(places)
+    frames = [deflection.w_m[0].size] * len(places)
     stream.send_columns("scene/plate", [times(deflection.times_ns)], columns.partition(frames))
 
 
