@@ -107,10 +107,11 @@ def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, 
         if last not in fields_of(tables):
             return unknown_key((*within, *path, last), list(fields_of(tables)))
         table, key = ".".join((*within, *path)), ".".join((*within, *path, last))
-        beside = next(told(table, one) for one in tables if one.__name__ in problem["loc"])
+        chosen = next(one for one in tables if one.__name__ in problem["loc"])
         other = next(told(table, one) for one in tables if last in one.model_fields)
-        remedy = "Leave one of them out." if other == key else f"Leave it out, or give {other}."
-        return f"{key} = {shown(value)}: has no effect with {beside}. {remedy}"
+        either = told(table, chosen).endswith("'") or chosen is tables[-1]
+        remedy = f"Leave it out, or give {other}." if either else "Leave one of them out."
+        return f"{key} = {shown(value)}: has no effect with {told(table, chosen)}. {remedy}"
     keys = _keys(problem["loc"], model)
     if kind == "missing" and keys[-1] == problem["loc"][-1]:
         tables = tables_at(keys[:-1], model)

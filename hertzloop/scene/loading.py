@@ -207,8 +207,8 @@ def set_key(data: dict[str, Any], key: str, value: Any) -> None:
     """Set table.key in nested tables."""
     path = key.split(".")
     table = data
-    if path[1:2] in (["material"], ["tip_material"]) and len(path) == 3:
-        expand_material(data, path[0], path[1])
+    if path[1:2] == ["material"] and len(path) == 3:
+        expand_material(data, path[0])
     for part in path[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):

@@ -40,19 +40,19 @@ def find_material(given: MaterialKey, own: tuple[MaterialTable, ...]) -> Materia
     return material_of("material", material_values(given.model_dump()))
 
 
-def expand_material(data: dict[str, Any], body: str, key: str = "material") -> None:
+def expand_material(data: dict[str, Any], body: str) -> None:
     """Put a material's numbers in the place of its name, so that one of them can be changed."""
     table = data.get(body)
-    name = table.get(key) if isinstance(table, dict) else None
+    name = table.get("material") if isinstance(table, dict) else None
     if not isinstance(table, dict) or not isinstance(name, str):
         return
     materials = data.get("materials")
     for own in materials if isinstance(materials, list | tuple) else ():
         if isinstance(own, dict) and own.get("name") == name:
-            table[key] = dict(own)
+            table["material"] = dict(own)
             return
     if name in SHIPPED:
-        table[key] = {"name": name, **SHIPPED[name]}
+        table["material"] = {"name": name, **SHIPPED[name]}
 
 
 def read_materials(path: Path) -> list[dict[str, object]]:
