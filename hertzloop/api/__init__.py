@@ -100,7 +100,7 @@ _NAMES_BY_MODULE = {
     "studies.budget.result": ("BudgetResult",),
     "studies.cases.axis": ("DesignError",),
     "studies.cases.workers": ("WorkersLost",),
-    "studies.margin.result": ("MarginResult",),
+    "studies.margin.margin": ("MarginResult",),
     "studies.sweep.request": ("SweepRequest",),
     "studies.tune.request": ("TuneRequest",),
     "studies.tune.result": ("TuneResult",),
