@@ -54,7 +54,9 @@ class InfinitePlate:
     def lasts_s(self, at_most_s: float = math.inf) -> float:
         """Return how long after the first touch the plate meets the accuracy, s, or `at_most_s` if
         that is shorter; zero where it does not do so for a whole contact."""
-        return min(self._lasts_s, at_most_s) if self._lasts_s >= self._contact_s else 0.0
+        if self._plate is None or self._lasts_s < self._contact_s:
+            return 0.0
+        return min(self._lasts_s, at_most_s)
 
     @cached_property
     def _lasts_s(self) -> float:
