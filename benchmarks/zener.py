@@ -45,7 +45,7 @@ def solved(inelasticity: float) -> tuple[float, float, float]:
 
     out.terminal = long.terminal = True  # type: ignore[attr-defined]
     found = scipy.integrate.solve_ivp(
-        rates, (0.0, 1e4), [0.0, 1.0, 0.0], "LSODA", None, False, (deepest, out, long),
+        rates, (0.0, 1e6), [0.0, 1.0, 0.0], "LSODA", None, False, (deepest, out, long),
         rtol=1e-9, atol=1e-11,
     )  # fmt: skip
     peak = max(float(y[0]) ** 3 for y in found.y_events[0])

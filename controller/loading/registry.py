@@ -62,7 +62,9 @@ def find(reference: str, digest: str | None = None) -> Law:
     if file := _FILE.fullmatch(reference):
         path = Path.cwd() / file["file"]
         load = partial(_FILES[path.suffix], path, file["name"])
-    elif module := _MODULE.fullmatch(_entry_points().get(reference, reference)):
+    elif Path(reference).suffix not in _SOURCE and (
+        module := _MODULE.fullmatch(_entry_points().get(reference, reference))
+    ):
         path = module_path(reference, module["module"])
         load = partial(module_law, reference, module["module"], path, module["name"])
     else:

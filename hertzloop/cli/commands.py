@@ -100,7 +100,7 @@ RECORDINGS = (
     CommandEntry(
         "repair",
         "hertzloop.cli.recordings:repair",
-        "Recover a complete file from a truncated recording.",
+        "Copy what is readable of a damaged recording into a complete file.",
         "repair broken.mcap --out whole.mcap",
     ),
     CommandEntry(

@@ -21,7 +21,7 @@ _SPARE = 1_000  # samples for which there must be room before the next reply
 
 
 @dataclass(frozen=True)
-class Reply:
+class AnswerBlock:
     """What samples led to.
 
     Attributes:
@@ -168,7 +168,7 @@ class Answering:
                 f"the ring brought {self.taken} samples, stream 'daq' {self._unchecked[-1][2]}"
             )
 
-    def reply(self) -> Reply:
+    def reply(self) -> AnswerBlock:
         """Return the answers since the last call. A force that is not in the ring is left out."""
         now, first, samples = self._answers, self._replied_step, self.samples
         own, line = now.ring.own, self._controller.line_state
@@ -178,7 +178,7 @@ class Answering:
         for row in (now.modes, now.delays):
             row[:left] = row[count : count + left].copy()
         self._answers, self._replied_step = now._replace(first=samples), end
-        return Reply(
+        return AnswerBlock(
             first_step=first,
             forces=self._controller.forces[first:end],
             samples=samples,

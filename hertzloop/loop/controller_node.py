@@ -19,7 +19,7 @@ from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_digest
 from hertzloop.loop import answering
 from hertzloop.loop.announcement import controller_report
-from hertzloop.loop.answering import Answering, Reply
+from hertzloop.loop.answering import AnswerBlock, Answering
 from hertzloop.loop.events import ControllerEvents
 from hertzloop.scene.controller import build_controller, loaded_law
 from hertzloop.scene.errors import SceneError
@@ -213,7 +213,7 @@ class ControllerNode:
         return True
 
     def _publish(
-        self, reply: Reply, joined: "SharedMemoryAnswer" = SharedMemoryAnswer.NOT_STATED
+        self, reply: AnswerBlock, joined: "SharedMemoryAnswer" = SharedMemoryAnswer.NOT_STATED
     ) -> None:
         assert self._publisher is not None
         assert self._answering is not None

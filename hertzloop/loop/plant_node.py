@@ -20,11 +20,14 @@ from hertzloop.bus.port import (
 from hertzloop.bus.ring_kernels import OPEN, WAITED_NS
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
-from hertzloop.closed_loop import grant, loop
+from hertzloop.closed_loop import clock as clocks
+from hertzloop.closed_loop import grant as grants
+from hertzloop.closed_loop import loop
 from hertzloop.closed_loop.exchange import (
     ANSWERED,
     ANSWERS_NEEDED,
     BEGAN_NS,
+    CLOCK,
     EXCHANGES,
     FORCES_END,
     LOCK_STEP,
@@ -47,7 +50,7 @@ from hertzloop.loop.repeated_run import RepeatedRun
 from hertzloop.scene.setup import Setup
 
 # Interpreted: once a message, compiling it for that would only lengthen the first run.
-_is_known = plain(grant.is_known)
+_is_known, _note_answers = plain(grants.is_known), plain(clocks.note_answers)
 _AHEAD_SAMPLES = 64_000  # unanswered samples, at most, while the force is zero until the trigger
 
 
@@ -340,6 +343,9 @@ class PlantNode:
             return
         step, unsent = self.streams.step, self.streams.unsent
         receive_forces(self.exchange, unsent, block.header, forces, step)
+        if self.exchange.kind == CLOCK:
+            now, counts = time.monotonic_ns(), self.exchange.counts
+            _note_answers(self.exchange.clock, now, counts[ANSWERED], counts[FORCES_END])
         if self._memory:
             answer, sent = block.header.shared_memory, self._samples_sent
             self.exchange = self._memory.receive_answer(answer, self.exchange, sent)

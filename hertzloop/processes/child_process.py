@@ -41,7 +41,7 @@ Report = Callable[..., None]  # takes the parts of a report by name
 
 
 @dataclass
-class Fault:
+class RoleFault:
     """Why a role has ended, in a sentence.
 
     Attributes:
@@ -76,7 +76,7 @@ class ChildProcess:
     stderr: Path
     reports: Connection | None = None
     ready: bool = False
-    fault: Fault | None = None
+    fault: RoleFault | None = None
     done: dict[str, Any] = field(default_factory=dict)
     code: int | None = None
 
@@ -234,13 +234,13 @@ def _be_role(home: _Home, reports: Connection, work: Any, *arguments: object) ->
         report(done=work(report, *arguments))
         code = 0
     except KeyboardInterrupt as error:
-        report(fault=Fault(str(error) or f"{home.title.split()[1]} was interrupted"))
+        report(fault=RoleFault(str(error) or f"{home.title.split()[1]} was interrupted"))
         code = INTERRUPTED
     except (BusError, StreamFault, RecordingError) as error:
         lost = error.roles if isinstance(error, PeerLost) else ()
         at_s = error.at_s if isinstance(error, PeerLost) else time.monotonic()
         others = isinstance(error, PeerLost | EndedByOther)
-        report(fault=Fault(str(error), others, lost, at_s))
+        report(fault=RoleFault(str(error), others, lost, at_s))
     except BaseException:
         traceback.print_exc()
     finally:

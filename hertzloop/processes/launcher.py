@@ -19,8 +19,8 @@ from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.processes.child_process import (
     MODULES,
     ChildProcess,
-    Fault,
     Report,
+    RoleFault,
     failure_cause,
     not_responding,
     start_role,
@@ -176,7 +176,7 @@ class Launcher:
         elif any(one.ready for one in self.children):
             child.done = {"left": True}
         elif not child.fault:  # the others may have begun just now, and may yet report so
-            child.fault = Fault(f"{child.named} ended before the run began")
+            child.fault = RoleFault(f"{child.named} ended before the run began")
         elif time.monotonic() - child.fault.at_s > _REPORT_S:
             child.code = code
         return bool(child.done or child.failed)

@@ -173,7 +173,7 @@ def change(
         try:
             switch_law(table, law, folder, written)
         except LawError as error:
-            raise SceneError(str(error)) from error
+            raise SceneError(shortened(str(error), LONGEST)) from error
     for key, value in values.items():
         set_key(data, key, value)
     for name, base in KINDS.items():

@@ -29,8 +29,8 @@ from hertzloop.scene.tables import (
     AnyPlate,
     ContactTable,
     HuntCrossleyContact,
+    PlateBySizes,
     RelaxingContact,
-    SizedPlate,
     ViscousContact,
 )
 
@@ -111,7 +111,7 @@ def resolve_mechanics(tables: PlantTables, knows_yield: bool) -> Mechanics:
 
 def theory_of(plate: AnyPlate) -> str:
     """The name of the kind of structure in STRUCTURES."""
-    return plate.theory if isinstance(plate, SizedPlate) else "modes"
+    return plate.theory if isinstance(plate, PlateBySizes) else "modes"
 
 
 @lru_cache(maxsize=16)
@@ -155,7 +155,7 @@ def _resolved(tables: PlantTables, knows_yield: bool, make: Any) -> Mechanics:
 
 def _describe_plate(table: AnyPlate, material: Material) -> Description:
     about = Description(material, table.size_m, table.thickness_m)
-    if isinstance(table, SizedPlate):
+    if isinstance(table, PlateBySizes):
         return replace(about, loss_factor=table.loss_factor, edges=table.edges or "ssss")
     modes = table.modes
     content = unpack_modes(modes.file, modes.sha256, modes.content)

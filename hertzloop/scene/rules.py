@@ -10,7 +10,7 @@ from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError, shortened, shown
 from hertzloop.scene.materials import material_name
 from hertzloop.scene.quantities import SENSED
-from hertzloop.scene.tables import ActuatorTable, ModesPlate, ModesTable, SizedPlate
+from hertzloop.scene.tables import ActuatorTable, ModesPlate, ModesTable, PlateBySizes
 
 _DAMPING = ActuatorTable().damping
 _EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
@@ -72,7 +72,7 @@ def _places(s: Any) -> Iterator[tuple[str, list[float]]]:
     """The points on a plate, in shares of its sides."""
     for key in ("plate.contact_point_m", "plate.actuator_point_m", "sensors.point_m"):
         point = _value(s, key)
-        if point is not None and isinstance(s.plate, SizedPlate):
+        if point is not None and isinstance(s.plate, PlateBySizes):
             yield key, [x / side for x, side in zip(point, s.plate.size_m, strict=True)]
 
 

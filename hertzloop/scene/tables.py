@@ -243,7 +243,7 @@ class ModesPlate(PlateTable):
     """static flexibility of the modes that are not in the file"""
 
 
-class SizedPlate(PlateTable):
+class PlateBySizes(PlateTable):
     """A plate by its sizes. `theory`: Kirchhoff's thin plate, or a structure of one's own."""
 
     TOLD_BY = "size_m", None
@@ -329,7 +329,7 @@ class RelaxingContact(ContactTable):
 KINDS = {"sphere": SphereTable, "plate": PlateTable, "contact": ContactTable}
 if TYPE_CHECKING:
     AnySphere = DroppedSphere | ThrownSphere
-    AnyPlate = SizedPlate | ModesPlate
+    AnyPlate = PlateBySizes | ModesPlate
     AnyContact = ContactTable | ViscousContact | HuntCrossleyContact | RelaxingContact
 else:
     AnySphere, AnyPlate, AnyContact = map(_any_of, KINDS.values())

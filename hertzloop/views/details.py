@@ -93,7 +93,7 @@ def mean_latency(setup: Setup) -> float | None:
 def _mean_latency_words(mean_us: float) -> str:
     if math.isnan(mean_us):
         return "no command acts within the run"
-    return f"mean latency {mean_us:.1f} us of the force that acts, as commands keep their order"
+    return f"mean latency {mean_us:.1f} us of the force that acts"
 
 
 def yield_words(found: Mapping[str, float]) -> str:
@@ -142,7 +142,7 @@ def _roles_words(busy_s: Mapping[str, float]) -> str:
 
 
 def _plate_words(found: Mapping[str, Any]) -> str:
-    if found["plate_model"] == "modal":
+    if found["plate_model"] != "infinite":
         return ""
     return f"infinite plate, a dashpot of {found['impedance_n_s_m']:.4g} N s/m"
 

@@ -11,7 +11,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import eval_jacobi, gammaln
+import scipy
 
 from hertzloop.plant.one_thread import gauss
 
@@ -101,17 +101,17 @@ def _polynomials(edges: str, length_m: float, count: int, x_m: np.ndarray) -> li
         np.exp(
             (alpha + beta + 1) * np.log(2.0)
             - np.log(2 * k + alpha + beta + 1)
-            + gammaln(k + alpha + 1)
-            + gammaln(k + beta + 1)
-            - gammaln(k + alpha + beta + 1)
-            - gammaln(k + 1)
+            + scipy.special.gammaln(k + alpha + 1)
+            + scipy.special.gammaln(k + beta + 1)
+            - scipy.special.gammaln(k + alpha + beta + 1)
+            - scipy.special.gammaln(k + 1)
         )
         ** -0.5
     )
-    p, factor = [eval_jacobi(k, alpha, beta, x) * norm], norm
+    p, factor = [scipy.special.eval_jacobi(k, alpha, beta, x) * norm], norm
     for order in (1, 2):
         factor = factor * 0.5 * (k + alpha + beta + order)
-        value = eval_jacobi(np.maximum(k - order, 0), alpha + order, beta + order, x)
+        value = scipy.special.eval_jacobi(np.maximum(k - order, 0), alpha + order, beta + order, x)
         p.append(np.where(k >= order, value * factor, 0.0))
     left, right = _power(1.0 + x, a), _power(1.0 - x, b)
     edge = [

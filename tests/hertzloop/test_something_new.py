@@ -229,7 +229,7 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.bus.streams import RECORDER, SUBSCRIPTIONS
-from hertzloop.loop import kernels as k
+from hertzloop.closed_loop import exchange as k
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.scene.setup import load
@@ -240,10 +240,10 @@ assert "speed" in SUBSCRIPTIONS[RECORDER]
 send_truth, factor = PlantStreams.send_truth, 1.0
 
 def send_both(self):
-    counts = self.window.counts
+    counts = self.unsent.counts
     first, end = int(counts[k.TRUTH_FIRST]), int(counts[k.TRUTH_END])
     if end > first:
-        speed = factor * self.window.truth[3, : end - first]
+        speed = factor * self.unsent.truth[3, : end - first]
         header = SpeedBlock(first_step=first, step_ns=self.setup.run.step_ns)
         self.publisher.send("speed", header, {"speed_m_s": speed})
     send_truth(self)

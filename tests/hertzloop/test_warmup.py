@@ -47,8 +47,8 @@ def test_a_scheme_is_compiled_once_for_all_plants(ran):
     assert warmup.anything_compiled()
     for more in PLANTS:
         assert not warmup.not_compiled(aluminium_3mm(*COARSE, *more))
-    assert [one.law_reference for one in ran] == ["off"] * len(SCHEMES) * len(warmup.RUN)
-    assert all(one.duration_s < 0.0025 for one in ran)
+    assert [one.scene.controller.law for one in ran] == ["off"] * len(SCHEMES) * len(warmup.RUN)
+    assert all(one.run.duration_s < 0.0025 for one in ran)
 
 
 def test_each_compilation_says_what_is_compiled(ran, monkeypatch):

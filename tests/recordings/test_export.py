@@ -132,18 +132,6 @@ def test_a_span_without_samples_is_refused(file, tmp_path, span, words):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("ending", ["csv", "mcap"])
-def test_samples_whose_times_contradict_their_steps_are_refused(file, tmp_path, ending):
-    """As after a tool that set the times of all messages to those of a wall clock."""
-
-    def at_noon(sent: rewriting.Sent) -> None:
-        sent.time_ns += 1_700_000_000_000_000_000
-
-    moved = rewriting.rewrite(file, tmp_path / "moved.mcap", at_noon)
-    refused("has no samples that can be read", "export", moved, "-o", tmp_path / f"x.{ending}")
-    assert [path.name for path in tmp_path.iterdir()] == ["moved.mcap"]
-
-
 def test_what_is_missing_in_a_recording_is_missing_in_the_table(file, tmp_path):
     def without_second_block(sent: rewriting.Sent) -> bool:
         return not (sent.stream == "truth" and sent.number == 1)

@@ -186,4 +186,4 @@ def test_a_damaged_recording_gives_the_samples_before_its_first_gap(tmp_path, fi
         expected, found = read_record(whole), read_record(cut)
         np.testing.assert_array_equal(found.time_s, expected.time_s[: sizes[first]])
         np.testing.assert_array_equal(found.value, expected.value[: sizes[first]])
-        assert ("later ones are not used" in " ".join(found.notes)) == (last < len(sizes))
+        assert ("gap on stream 'daq'" in " ".join(found.notes)) == (last < len(sizes))

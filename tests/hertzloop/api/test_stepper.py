@@ -38,7 +38,7 @@ def test_its_samples_are_those_of_a_recorded_run(name, tmp_path):
             samples.append(plant.sample)
     assert plant.steps_done == plant.steps == setup.run.steps
     assert np.any(run.force.arrays["force_n"])
-    assert np.array(samples).tobytes() == run.daq_values.tobytes()
+    assert np.array(samples).tobytes() == run.daq.values.tobytes()
     assert plant.balance().energy_residual == run.balance.energy_residual
 
 

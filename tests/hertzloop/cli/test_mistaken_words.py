@@ -56,7 +56,7 @@ ANSWERS = {
     "law replay a.mcap --law off --set controller.law=predicted": "--law names the law. Remove one",
     "law replay a.mcap --law off --set sensors.bits=4":
     "--set sensors.bits = 4: has no effect on recorded samples. Set keys of [controller] only",
-    "repair a.csv": f"nothing to recover: a.csv{NO_MCAP}",
+    "repair a.csv": f"nothing to repair: a.csv{NO_MCAP}",
     "replay a.mcap --screenshot a.jpg": "--screenshot = a.jpg: must end in .png",
     "tune -o tuned.csv": "tuned.csv: must be a folder, not a file. Give a name without .csv",
     "sweep --verify a.csv": "No such option: --verify",

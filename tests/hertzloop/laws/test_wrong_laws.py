@@ -62,7 +62,7 @@ BEFORE = [
     ),
     (
         f"{NOTHING}def trigger_level(p, s):\n    return depth\n",
-        "'depth' is not defined (in quiet",
+        "'depth' is not defined (in trigger_level",
     ),
     # The trial does not reach it.
     (NOTHING.replace("0.0", "tiny if i > 100_000 else 0.0"), "name 'tiny' is not defined (in com"),

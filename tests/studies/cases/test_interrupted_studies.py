@@ -3,7 +3,6 @@
 import errno
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -93,30 +92,6 @@ def _counted(pool: Pool, ran: list[str]) -> Pool:
                 yield rows
 
     return results
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["sweep", *SHORT, "--over", "controller.latency_us=0,1"],
-        ["budget", *SHORT, "--quick", "--no-real-plant", "--only", "latency_us"],
-    ],
-)
-def test_a_law_that_cannot_be_recognised_is_not_said_to_continue(tmp_path, monkeypatch, words):
-    monkeypatch.chdir(tmp_path)
-    law = "import os\n\ndef command(p, s, samples, i):\n    return 0.0 * os.cpu_count()\n"
-    Path("mine.py").write_text(law)
-
-    def interrupted(self: Journal, row: dict[str, Any]) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Journal, "add", interrupted)
-    result = invoke([*words, "--set", "controller.law=mine.py", "--workers", "1"])
-    assert result.exit_code == 130
-    said = " ".join(result.stderr.split())
-    assert "cannot be continued, since it is unknown whether" in said
-    assert "mine.py is still the same law" in said
-    assert "to continue" not in said
 
 
 def test_a_case_asked_for_twice_is_run_once(tmp_path):

@@ -38,7 +38,7 @@ def test_the_impulse_of_a_case_is_the_change_of_momentum_in_its_first_contact(mo
 
 
 def test_a_case_takes_the_infinite_plate_where_that_meets_the_accuracy():
-    settings = ["run.duration_s=0.0016", "controller.kappa=0.5"]
+    settings = ["run.duration_s=0.0016", "controller.kappa=0.5", "run.accuracy=0.003"]
     scene = load("aluminium-3mm", settings)
     mine, modal = (metrics_of_case(scene.vary({"run.plate_model": m})) for m in ("auto", "modal"))
     assert (mine.plate_model, modal.plate_model) == ("infinite", "modal")
