@@ -155,6 +155,11 @@ class Recording:
     others: int = 0
     unchecked: int = 0
 
+    def __post_init__(self) -> None:
+        """Give a sampled stream that has no field, one of your own, an attribute by its name."""
+        for name in SAMPLED:
+            self.__dict__.setdefault(name, SampledStream())
+
     @property
     def other_version(self) -> str:
         """Version of hertzloop that recorded it and this version, in brackets; empty if they are
