@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from hertzloop.recordings.recording import Event
     from hertzloop.results.metric_rows import MetricRow
     from hertzloop.results.metrics import RunResult
-    from hertzloop.results.repeatability import NotRepeatable
     from hertzloop.results.span_metrics import RunMetrics
     from hertzloop.results.verdict import Assessment
     from hertzloop.views.comparison import Comparison
@@ -70,7 +69,7 @@ class Run:
         default=None, repr=False, compare=False
     )
     _streams: "_Streams | None" = field(default=None, repr=False, compare=False)
-    _not_repeatable: "NotRepeatable | None" = field(default=None, repr=False, compare=False)
+    _why_not: str = field(default="", repr=False, compare=False)
 
     @cached_property
     def truth(self) -> "xr.Dataset":
@@ -131,7 +130,7 @@ class Run:
         from hertzloop.results.verdict import assess
 
         setup = resolve(self.scene)
-        return assess(setup, self._result, free_metrics(setup), self._not_repeatable)
+        return assess(setup, self._result, free_metrics(setup), self._why_not)
 
     @property
     def verdict(self) -> list[str]:
@@ -330,7 +329,7 @@ def read(recording: str | Path) -> Run:
         path=found.path,
         pacing=pacing_as_json(pacing),
         note=found.note,
-        _not_repeatable=why_not_repeatable(found),
+        _why_not=why_not_repeatable(found),
     )
 
 

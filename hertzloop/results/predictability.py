@@ -10,7 +10,6 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1
 from hertzloop.results.impacts import impacts_of
 from hertzloop.results.metrics import Metrics, RunResult
-from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
 from hertzloop.results.span_metrics import Values, values_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
@@ -153,14 +152,14 @@ class Predictability:
         controlled: errors of each impact of the run; None if no impact magnifies earlier errors, or
             nothing is known.
         uncontrolled: the same for the run without control.
-        not_repeatable: why the run cannot be simulated again; None if it can.
+        why_not: why the run cannot be simulated again; empty if it can.
         disturbance: relative disturbance of the start.
     """
 
     model_error: float | None
     controlled: list[ImpactErrors] | None
     uncontrolled: list[ImpactErrors] | None
-    not_repeatable: NotRepeatable | None = None
+    why_not: str = ""
     disturbance: float = DISTURBANCE
 
 
@@ -171,7 +170,7 @@ def predictability(
     setup: Setup,
     result: RunResult,
     free: Metrics | None,
-    not_repeatable: NotRepeatable | None = None,
+    why_not: str = "",
 ) -> Predictability:
     """Estimate how well the impacts of a run can be known.
 
@@ -179,7 +178,7 @@ def predictability(
         setup: The setup of the run.
         result: The run. If its forces were late, the same run in lock-step is evaluated instead.
         free: Metrics of the run without control.
-        not_repeatable: Why the closed loop cannot be simulated again, if so.
+        why_not: Why the closed loop cannot be simulated again, if so.
 
     Returns:
         The errors of each impact; nothing is known of the impacts of an unstable loop.
@@ -188,13 +187,13 @@ def predictability(
     if not SCHEMES[setup.run.scheme].converges:  # no finer model tells an error from its numbers
         error = None
     own = other = None
-    if not not_repeatable and not result.metrics.stability.unstable and error is not None:
+    if not why_not and not result.metrics.stability.unstable and error is not None:
         try:
             own = known_impacts(setup, result.metrics.by_impact, error, not result.late)
         except SceneError as stopped:  # the law, in the disturbed run
-            not_repeatable = NotRepeatable(WhyNotRepeatable.LAW_STOPPED, error=str(stopped))
+            why_not = str(stopped)
     if not setup.scene.controller.has_law:
         other = own
     elif error is not None and free is not None:
         other = known_impacts(without, free.by_impact, error)
-    return Predictability(error, own, other, not_repeatable)
+    return Predictability(error, own, other, why_not)

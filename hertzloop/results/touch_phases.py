@@ -87,7 +87,7 @@ def at_other_phases(setup: Setup, result: RunResult, known: Predictability) -> O
         not setup.scene.controller.has_law
         or metrics.first_impact is None
         or metrics.stability.unstable
-        or known.not_repeatable
+        or known.why_not
     ):
         return SAME_PHASE
     own = setup.with_plate_model(setup.plate_model)

@@ -13,7 +13,6 @@ from hertzloop.results.predictability import (
     later_impacts_known,
     predictability,
 )
-from hertzloop.results.repeatability import NotRepeatable
 from hertzloop.results.span_metrics import change_db
 from hertzloop.results.touch_phases import SAME_PHASE, OtherPhases, at_other_phases
 from hertzloop.scene.setup import Setup
@@ -110,7 +109,7 @@ def assess(
     setup: Setup,
     result: RunResult,
     free: Metrics | None,
-    not_repeatable: NotRepeatable | None = None,
+    why_not: str = "",
 ) -> Assessment:
     """Assess the metrics of a run.
 
@@ -118,9 +117,9 @@ def assess(
         setup: The setup of the run, whose closed loop is simulated again.
         result: The run.
         free: Metrics of the same run without control, None without a comparison.
-        not_repeatable: Why the closed loop cannot be simulated again, where that is so.
+        why_not: Why the closed loop cannot be simulated again, where that is so.
     """
-    known = predictability(setup, result, free, not_repeatable)
+    known = predictability(setup, result, free, why_not)
     return verdict(result, free, known, at_other_phases(setup, result, known))
 
 
@@ -191,7 +190,7 @@ def _later_contacts(result: RunResult, free: Metrics, known: Predictability) -> 
     ours, theirs = result.metrics, free
     if result.complete and len(ours.impacts) == len(theirs.impacts) == 1:
         return LaterContacts.NONE
-    if known.not_repeatable or not result.complete:
+    if known.why_not or not result.complete:
         return LaterContacts.UNKNOWN
     wrong = 0.0
     for metrics, errors in ((ours, known.controlled), (theirs, known.uncontrolled)):

@@ -10,7 +10,7 @@ from hertzloop.views.details import recorded_table
 from hertzloop.views.effects import OUT_OF_RANGE, neglected_lines, warning_lines
 from hertzloop.views.format import Table, print_all, unwrapped
 from hertzloop.views.impacts_table import impacts_table
-from hertzloop.views.law_line import law_line, why_not_words
+from hertzloop.views.law_line import law_line
 from hertzloop.views.metrics_table import metrics_table
 from hertzloop.views.pacing import pacing_lines
 from hertzloop.views.run import next_lines
@@ -40,9 +40,8 @@ def print_inspection(console: Console, found: Inspected, details: bool = False) 
         pieces += verdict_lines(verdict[len(beyond) :])
         if result.metrics.impacts:
             pieces.append(metrics_table(result, assessed.rows))
-        why_not = why_not_words(known.not_repeatable)
-        if why_not and not details:
-            pieces.append(Text(f"Digits as recorded, since {why_not}."))
+        if known.why_not and not details:
+            pieces.append(Text(f"Digits as recorded, since {known.why_not}."))
         pieces += warning_lines(result.metrics.neglected.checks)
     if details:
         pieces += _details(found)
@@ -68,8 +67,7 @@ def _details(found: Inspected) -> list[Text | Table]:
     if assessed is None:
         return [*pieces, impacts_table("Impacts", []), recorded_table(found)]
     metrics, known = assessed.result.metrics, assessed.predictability
-    why_not = why_not_words(known.not_repeatable)
-    pieces.append(impacts_table("Impacts", metrics.by_impact, known.controlled, why_not))
+    pieces.append(impacts_table("Impacts", metrics.by_impact, known.controlled, known.why_not))
     if metrics.noise:
         pieces.append(metrics_table(assessed.result, assessed.rows, details=True))
     return [*pieces, recorded_table(found), *neglected_lines(metrics.neglected.checks)]

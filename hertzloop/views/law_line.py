@@ -1,24 +1,9 @@
-"""Which law a run used, and why a run cannot be simulated again, in words."""
+"""Which law a run used, in words."""
 
 from hertzloop.controller.loading.registry import shipped
 from hertzloop.results.recorded import RecordedLaw
-from hertzloop.results.repeatability import NotRepeatable, WhyNotRepeatable
 
 _LONGEST = 200  # characters that are shown of a controller's own words
-
-
-def why_not_words(found: NotRepeatable | None) -> str:
-    """Say why a run cannot be simulated again, in words that follow "since"; empty if it can."""
-    if found is None:
-        return ""
-    if found.law is not None:
-        law = law_line(found.law)
-        return f"the forces may not come from the law of the scene: {law}"
-    return {
-        WhyNotRepeatable.NOT_ENDED: "the run did not end",
-        WhyNotRepeatable.TOO_LONG: "it takes too long to simulate this run again",
-        WhyNotRepeatable.NOT_HERE: f"the run cannot be simulated here: {found.error}",
-    }.get(found.reason, found.error)
 
 
 def law_line(data: RecordedLaw, digests: bool = True) -> str:

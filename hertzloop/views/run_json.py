@@ -16,7 +16,6 @@ from hertzloop.results.verification import Verification
 from hertzloop.views.details import facts_as_json, recorded_as_json
 from hertzloop.views.effects import out_of_range
 from hertzloop.views.inspection import streams_of
-from hertzloop.views.law_line import why_not_words
 from hertzloop.views.verdict import verdict_sentences
 
 _NO_METRICS: dict[str, Any] = {
@@ -78,14 +77,8 @@ def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
 
 
 def predictability_as_json(found: Predictability) -> dict[str, Any]:
-    """Return the fields of `Predictability`; `why_not` is in words."""
-    return {
-        "disturbance": found.disturbance,
-        "model_error": found.model_error,
-        "controlled": _plain(found.controlled),
-        "uncontrolled": _plain(found.uncontrolled),
-        "why_not": why_not_words(found.not_repeatable),
-    }
+    """Return the fields of `Predictability`."""
+    return asdict(found)
 
 
 def verification_as_json(found: Verification) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from hertzloop.studies.pages.html import ResultPage, ResultTable
 from hertzloop.studies.report.charts import charts_of
 from hertzloop.views.effects import sentences_of
 from hertzloop.views.impacts_table import impact_headings, impact_rows
-from hertzloop.views.law_line import law_line, why_not_words
+from hertzloop.views.law_line import law_line
 from hertzloop.views.metrics_table import cells_of, further_rows, notes_on, shown_rows
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of
@@ -86,7 +86,7 @@ def _tables(ends: Assessment, free: Metrics | None, compare: bool) -> list[Resul
     rows = [cells_of(row, ends.result.complete, compare) for row in shown]
     tables = [ResultTable("First impact", columns, rows, "; ".join(notes_on(shown)))]
     for name, run, each in zip(names, runs, digits, strict=True):
-        why_not = why_not_words(known.not_repeatable) if run is runs[0] else ""
+        why_not = known.why_not if run is runs[0] else ""
         rows, notes = impact_rows(run.by_impact, each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
         headings = ["impact", *impact_headings(run.by_impact)]
