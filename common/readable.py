@@ -37,3 +37,8 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
     power = min(max(3 * (exponent // 3), min(PREFIXES)), max(PREFIXES))
     scaled = number(value / 10.0**power, digits)
     return " ".join([scaled, f"{PREFIXES[power]}{base}", *more])
+
+
+def percent(share: float) -> str:
+    """Return a share with the two digits that an estimate has."""
+    return f"{100.0 * share:{'.0f' if 0.995 <= share < 10.0 else '.2g'}} %"

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+from hertzloop.common.readable import percent, quantity
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.estimates import criteria
 from hertzloop.plant.estimates.criteria import thickness_number
@@ -17,7 +18,6 @@ from hertzloop.plant.estimates.model_order import (
     is_rigid,
     least_limit_hz,
 )
-from hertzloop.results.rounding import percent, pressure
 from hertzloop.results.run_context import RunContext
 
 _TAKES_ALL = 1.0  # lambda from which on the plate takes all energy, whatever its theory
@@ -70,12 +70,12 @@ def _yields(f: RunContext, x: float) -> str:
         return "when the plate yields is not known: give plate.material.yield_pa or hardness_pa"
     body, strength = f.weaker
     words = (
-        f"the {body} yields: mean pressure {pressure(f.pressure_pa)}, "
-        f"{pressure(1.5 * f.pressure_pa)} in the centre, where yield begins at "
-        f"{pressure(strength.first_yield_pa)}"
+        f"the {body} yields: mean pressure {quantity(f.pressure_pa, 'Pa')}, "
+        f"{quantity(1.5 * f.pressure_pa, 'Pa')} in the centre, where yield begins at "
+        f"{quantity(strength.first_yield_pa, 'Pa')}"
     )
     if f.pressure_pa > strength.pressure_pa:
-        words += f" and is full at a mean of {pressure(strength.pressure_pa)}"
+        words += f" and is full at a mean of {quantity(strength.pressure_pa, 'Pa')}"
     return f"{words}; contact.plasticity = 'thornton' models it"
 
 

@@ -5,9 +5,9 @@ from collections.abc import Iterable
 
 from rich.text import Text
 
+from hertzloop.common.readable import percent
 from hertzloop.results.effect_rows import OF_PLATE, ROWS
 from hertzloop.results.effects import EffectState, Neglected, ValidityCheck
-from hertzloop.results.rounding import percent
 from hertzloop.views.format import Table, unwrapped
 
 _MOST_WARNINGS = 8  # lines of neglected effects on the screen; --details prints all

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from rich.text import Text
 
+from hertzloop.common.readable import quantity
 from hertzloop.results.recorded import IN_TIME, PacedClock, Pacing
-from hertzloop.results.rounding import time_words
 from hertzloop.views.format import unwrapped
 
 
@@ -33,15 +33,15 @@ def pacing_sentences(found: Pacing) -> list[str]:
     clock = found.clock
     if clock is None:
         return lateness_sentences(found)
-    worst = f"The worst force came {time_words(clock.late_max_us)} late; the plant itself was"
+    worst = f"The worst force came {_time(clock.late_max_us)} late; the plant itself was"
     if not found.late_forces:
         worst = "The plant itself was"
     return [
         *lateness_sentences(found),
-        f"{worst} at most {time_words(clock.behind_max_us)} behind the clock.",
+        f"{worst} at most {_time(clock.behind_max_us)} behind the clock.",
         "From a sample to its answer: "
-        + ", ".join(f"{name} {time_words(us)}" for name, us in clock.response_us.items())
-        + f" (of {time_words(clock.slack_us)} that this pace leaves).",
+        + ", ".join(f"{name} {_time(us)}" for name, us in clock.response_us.items())
+        + f" (of {_time(clock.slack_us)} that this pace leaves).",
     ]
 
 
@@ -82,3 +82,8 @@ def repetition_lines(repeats: Path | None, differs: str | None) -> list[Text]:
     if differs:
         return [unwrapped((f"Repeated: not the run in {repeats}: {differs}.", "red"))]
     return [unwrapped((f"Repeated: the same bytes as in {repeats}.", "bold"))]
+
+
+def _time(us: float) -> str:
+    """Return a time in us to two digits."""
+    return quantity(float(f"{us:.2g}") * 1e-6, "s")
