@@ -16,7 +16,9 @@ from hertzloop.plant.plant import Plant
 try:
     from hertzloop.closed_loop.parts import series_under
 except ImportError:  # another checkout
-    from hertzloop.plant.time_series import series_under
+    from hertzloop.plant.time_series import (  # type: ignore[attr-defined,no-redef]
+        series_under,
+    )
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import Setup, load
 

@@ -48,7 +48,7 @@ def solved(inelasticity: float) -> tuple[float, float, float]:
         rates, (0.0, 1e6), [0.0, 1.0, 0.0], "LSODA", None, False, (deepest, out, long),
         rtol=1e-9, atol=1e-11,
     )  # fmt: skip
-    peak = max(float(y[0]) ** 3 for y in found.y_events[0])
+    peak = max(float(y[0]) ** 3 for y in found.y_events[0])  # type: ignore[index]
     _, speed, length = found.y[:, -1].tolist()
     return length, peak, -speed
 

@@ -148,7 +148,7 @@ class Launcher:
         for pipe in wait([pipe for pipe in by_pipe if pipe], _LOOK_S):
             child, heard = by_pipe[pipe], True  # type: ignore[index]
             try:
-                report = pipe.recv()  # type: ignore[union-attr]
+                report: dict[str, Any] = pipe.recv()  # type: ignore[union-attr,call-arg,assignment]
             except (EOFError, OSError):  # it ends
                 child.process.join(_PATIENCE_S)  # type: ignore[union-attr]
                 child.code = 1 if child.process.exitcode is None else child.process.exitcode

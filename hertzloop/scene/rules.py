@@ -144,7 +144,7 @@ def _unsupported(s: Any) -> tuple[str, str] | None:
             continue
         asked = ("steps", s.run.steps) if key == "run.duration_s" else (key, value)
         if why := SCHEMES[s.run.scheme].refusal(*asked):
-            others = schemes_where(lambda row, asked=asked: row.accepts(*asked))
+            others = schemes_where(lambda row: row.accepts(*asked))  # noqa: B023
             other = f", or use the scheme {others}" if others else ""
             return key, (
                 f"run.scheme = '{s.run.scheme}', which {why}. Remove or change the key{other}."
@@ -310,7 +310,9 @@ RULES = [
     *(
         Rule(
             f"controller.{key}",
-            lambda s, key=key: getattr(s.controller, key) and s.controller.latency_trace is None,
+            lambda s, key=key: (  # type: ignore[misc]
+                getattr(s.controller, key) and s.controller.latency_trace is None
+            ),
             "has no effect without controller.latency_trace. Give a trace, or remove the key.",
         )
         for key in ("latency_trace_use", "latency_trace_from")

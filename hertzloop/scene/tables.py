@@ -326,7 +326,11 @@ class RelaxingContact(ContactTable):
     """solver of relaxation damping: the published iteration or a bracketed one"""
 
 
-KINDS = {"sphere": SphereTable, "plate": PlateTable, "contact": ContactTable}
+KINDS: dict[str, type[Variant]] = {
+    "sphere": SphereTable,
+    "plate": PlateTable,
+    "contact": ContactTable,
+}
 if TYPE_CHECKING:
     AnySphere = DroppedSphere | ThrownSphere
     AnyPlate = PlateBySizes | ModesPlate

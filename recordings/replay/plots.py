@@ -108,8 +108,8 @@ def plots(
     }.get(recording.scene_value("sensors", "quantity", "xi"), ("gap", 1e6))
     if daq.samples:
         # A converter may be slower than the plant.
-        own = [(-(-a // daq.every_steps), -(-b // daq.every_steps)) for a, b in spans]
-        line = decimated(daq.values, own)
+        sampled = [(-(-a // daq.every_steps), -(-b // daq.every_steps)) for a, b in spans]
+        line = decimated(daq.values, sampled)
         times = line.at * (daq.every_steps * daq.step_ns)
         curves[plot].append(curve_of("measured", line, times, factor, held=True))
     return [Plot(key, TITLES[key], tuple(found)) for key, found in curves.items() if found]
