@@ -26,8 +26,8 @@ def test_a_balance_that_is_not_finite_is_told_of(whole, tmp_path):
     path = rewrite(whole, tmp_path / "b.mcap", change)
     done = call("inspect", str(path), "--json", str(tmp_path / "b.json"))
     assert done.exit_code == 1
-    said = "the energy balance holds injected_j = nan"
-    assert said in " ".join(done.stdout.split())
+    said = "stream 'balance' sequence 0 holds injected_j = nan"
+    assert said in " ".join(done.stdout.split()), done.stdout
     found = json_in(tmp_path / "b.json")
     assert not found["complete"]
     assert any(said in problem for problem in found["problems"])

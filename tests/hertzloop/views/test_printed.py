@@ -138,10 +138,10 @@ def test_the_run(ran, report):
         "time": [report["wall_s"]],
         "plate": [report["frequency_limit_hz"]],
         "contact": [
-            limit["pressure_pa"],
-            limit["by"]["value_pa"],
             report["yield"]["dent_m"],
             report["yield"]["dissipated_j"],
+            limit["pressure_pa"],
+            limit["by"]["value_pa"],
         ],
         "actuator": [
             demand["force_n"],
