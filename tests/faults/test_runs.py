@@ -70,7 +70,7 @@ def test_a_wrong_cause_is_found(victim, how, code, said, wrong):
 def ended(
     role: str, sentence: str, *lost: str, others: bool = True, at_s: float = 0.0
 ) -> ChildProcess:
-    fault = child_process.Fault(sentence, others, lost, at_s)
+    fault = child_process.RoleFault(sentence, others, lost, at_s)
     return ChildProcess(role, Process(name=role), Path("none"), ready=True, fault=fault, code=1)
 
 

@@ -85,9 +85,11 @@ def test_parts_of_extreme_scenes_can_be_built_and_run(name, data):
         scene[table][key] = data.draw(extremes(table, key), f"{table}.{key}")
     if ("controller", "law") in keys and ("sensors", "quantity") not in keys:
         scene["sensors"]["quantity"] = "auto"
-    step_s = scene["run"]["step_ns"] * 1e-9
-    if isinstance(step_s, float) and step_s > 0.0:
-        scene["run"]["duration_s"] = 200 * step_s  # the times of an extreme run are not the point
+    step_ns = scene["run"]["step_ns"]
+    if isinstance(step_ns, int) and step_ns > 0:
+        scene["run"]["duration_s"] = (
+            200 * step_ns * 1e-9
+        )  # the times of an extreme run are not the point
     found = scene_or_sentence(tomli_w.dumps(scene))
     if found is None or found.controller.law == "precomputed":
         return
