@@ -95,7 +95,7 @@ def test_a_recording_of_a_paced_run_tells_its_latencies():
 def test_the_trace_of_a_paced_run_repeats_it(tmp_path):
     path, short = tmp_path / "paced.mcap", ["run.duration_s=0.0012", SHORT[1]]
     setup = aluminium_3mm(*short)
-    run_and_assess(setup, path, RunOptions(pace=0.01), lambda step: None)
+    run_and_assess(setup, path, RunOptions(pace=0.01))
     again = aluminium_3mm(*short, f"controller.latency_trace={path}")
     rows = simulate(again.with_plate_model(setup.plate_model)).truth
     assert np.array_equal(rows, truth_of(read_recording(path)))
