@@ -12,6 +12,7 @@ from hertzloop.closed_loop import grant as grants
 from hertzloop.closed_loop.exchange import (
     ANSWERED,
     FORCES_END,
+    SAMPLES_END,
     SAMPLES_FIRST,
     Exchange,
     Status,
@@ -62,7 +63,7 @@ def receive_forces(
     counts[FORCES_END], counts[ANSWERED] = end, header.samples_seen
     _extend(exchange.grant, end)
     level = header.trigger_level if header.zero_until_trigger else np.inf
-    _renew(exchange.grant, level, header.samples_seen, sent)
+    _renew(exchange.grant, level, header.samples_seen, int(unsent.counts[SAMPLES_END]))
 
 
 def check_forces(exchange: Exchange, header: ForceBlock, count: int) -> None:

@@ -25,9 +25,9 @@ SEEN, TRIGGERS = (5, TAKEN), (0, 5, 6, TAKEN)  # samples answered; taken when on
 CASES = list(product((False, True), SEEN, TRIGGERS, (None, LEVEL, 2.0)))
 
 
-def exchange_after(zero: bool, triggered: int) -> tuple[Exchange, Unsent]:
+def exchange_after(zero: bool, triggered: int, sent: int) -> tuple[Exchange, Unsent]:
     unsent, found = empty_unsent(0, 0), exchange(LOCK_STEP, elsewhere(np.zeros(100)))
-    unsent.counts[[SAMPLES_FIRST, SAMPLES_END]] = TAKEN
+    unsent.counts[SAMPLES_FIRST], unsent.counts[SAMPLES_END] = sent, TAKEN
     found.grant.trigger_level[0] = LEVEL
     found.grant.counts[ZERO_UNTIL_TRIGGER], found.grant.counts[TRIGGERED] = zero, triggered
     return found, unsent
@@ -38,8 +38,9 @@ def granted(found: Exchange) -> tuple[bool, float]:
 
 
 def over_the_bus(zero, seen, triggered, level):
-    """Whether the force is zero, and the level, after an answer; a header always has a level."""
-    found, unsent = exchange_after(zero, triggered)
+    """Whether the force is zero, and the level, after an answer to all samples that were sent; a
+    header always has a level."""
+    found, unsent = exchange_after(zero, triggered, sent=seen)
     header = ForceBlock(
         samples_seen=seen,
         zero_until_trigger=level is not None,
@@ -50,7 +51,7 @@ def over_the_bus(zero, seen, triggered, level):
 
 
 def in_the_ring(zero, seen, triggered, level):
-    found, unsent = exchange_after(zero, triggered)
+    found, unsent = exchange_after(zero, triggered, sent=TAKEN)
     assert accept(found, unsent, 0, seen, 0.0, math.nan if level is None else level) == GO
     return granted(found)
 
