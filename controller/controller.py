@@ -1,14 +1,14 @@
 """A controller made from a description: law, latency line, converter."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
-from hertzloop.controller.kernels import EMITTED, LINE_COUNTS
+from hertzloop.controller.kernels import LINE_COUNTS
 from hertzloop.controller.loading.bound import BoundLaw, BrokenPromise, LawFault
 
 # Random streams; the sensor's noise and the touch phase are others.
@@ -59,19 +59,6 @@ class SignalPath:
         return bool(self.jitter_steps or any(self.trace) or self.tick_steps)
 
 
-@dataclass
-class Reply:
-    """What a block of samples led to: forces from `first_step` on, and what may be relied on."""
-
-    first_step: int
-    forces: np.ndarray
-    samples_seen: int
-    zero_until_trigger: bool
-    trigger_level: float
-    modes: np.ndarray = field(repr=False)  # mode and delay after every sample of the block
-    delays: np.ndarray = field(repr=False)
-
-
 class Controller:
     """Law and line for a run of `steps` steps, sampled every `every_steps` steps."""
 
@@ -109,38 +96,6 @@ class Controller:
             np.full(steps, np.nan), np.zeros(LINE_COUNTS, np.int64), np.zeros(2)
         )
         self.forces = np.zeros(steps)
-        self._level = 0.0  # of the last promise
-
-    def process(self, values: np.ndarray, commands_ahead: bool = True) -> Reply:
-        """Feed samples; the forces that became final, those known ahead included if asked.
-
-        Raises LawFault when the law fails.
-        """
-        first = int(self.line_state.counts[EMITTED])
-        modes = np.empty(len(values), np.int64)
-        delays = np.empty(len(values), np.int64)
-        controller_kernels.control_block(
-            self.law, self.law_state, self.line, self.line_state, values, self.forces, modes, delays
-        )
-        if commands_ahead:
-            controller_kernels.schedule_ahead(
-                self.law_state, self.line, self.line_state, self.forces
-            )
-        self.check()
-        end = int(self.line_state.counts[EMITTED])
-        level = float(laws.trigger_level(self.law, self.law_state))
-        if level < math.inf:
-            self._level = level
-        return Reply(
-            first_step=first,
-            forces=self.forces[first:end],
-            samples_seen=int(self.law_state.counts[laws.SAMPLES]),
-            zero_until_trigger=level < math.inf
-            and bool(controller_kernels.is_quiet(self.line_state)),
-            trigger_level=self._level,
-            modes=modes,
-            delays=delays,
-        )
 
     @property
     def failed_at(self) -> int:

@@ -102,15 +102,6 @@ def control_sample(law, law_state, line, line_state, value, forces):
 
 
 @kernel
-def control_block(law, law_state, line, line_state, values, forces, modes, delays):
-    """Samples of a block through law and line; writes mode and delay after each."""
-    for i in range(values.size):
-        control_sample(law, law_state, line, line_state, values[i], forces)
-        modes[i] = law_state.record[laws.MODE]
-        delays[i] = law_state.record[laws.DELAY]
-
-
-@kernel
 def schedule_ahead(law_state, line, line_state, forces):
     """Extend the forces by the commands that the law has given for samples to come."""
     commanded = law_state.counts[laws.COMMANDED]

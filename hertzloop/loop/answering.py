@@ -39,6 +39,11 @@ class AnswerBlock:
     modes: np.ndarray
     delays: np.ndarray
 
+    @property
+    def zero_until_trigger(self) -> bool:
+        """Whether the force stays zero while samples stay above the level."""
+        return self.trigger_level < math.inf
+
 
 def load() -> None:
     """Load the compiled kernel, or compile it."""
@@ -70,7 +75,7 @@ class Answering:
         self.total = len(controller.law_state.history)
         self.idle_s = 0.0
         self._last_sample_s = 0.0
-        self._replied_step = 0
+        self._replied_step = int(controller.line_state.counts[EMITTED])
         # Blocks from the bus that the ring has not reached: sequence, first sample, end, checksum.
         self._unchecked: list[tuple[int, int, int, int]] = []
 
@@ -108,7 +113,7 @@ class Answering:
         self._last_sample_s = time.monotonic()
 
     def answer_block(self, values: np.ndarray) -> None:
-        """Answer the samples of a block. Raises LawFault if the law fails."""
+        """Answer the samples of a block, all finite. Raises LawFault if the law fails."""
         modes, delays = np.zeros(len(values), np.int64), np.zeros(len(values), np.int64)
         self._answers = self._answers._replace(
             values=np.ascontiguousarray(values, float),
@@ -186,3 +191,15 @@ class Answering:
             modes=modes,
             delays=delays,
         )
+
+
+def answer_samples(
+    controller: Controller, values: np.ndarray, commands_ahead: bool = True
+) -> AnswerBlock:
+    """Let a controller answer samples, all finite, as it answers a block from the bus.
+
+    Raises LawFault if the law fails.
+    """
+    answering = Answering(controller, commands_ahead)
+    answering.answer_block(values)
+    return answering.reply()

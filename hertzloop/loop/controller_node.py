@@ -1,6 +1,5 @@
 """The controller's side of the exchange: receive samples, send forces and promises."""
 
-import math
 import time
 from contextlib import suppress
 from zlib import crc32
@@ -217,7 +216,7 @@ class ControllerNode:
     ) -> None:
         assert self._publisher is not None
         assert self._answering is not None
-        zero = reply.trigger_level < math.inf
+        zero = reply.zero_until_trigger
         answer = ForceBlock(
             first_step=reply.first_step,
             step_ns=self._step_ns,

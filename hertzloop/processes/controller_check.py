@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hertzloop.bus.streams import CONTROLLER
+from hertzloop.loop.answering import answer_samples
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.record import record
 from hertzloop.recordings.reader import Recording, read
@@ -93,7 +94,7 @@ def law_of(recording: Recording) -> str:
 def compare_with_law(recording: Recording, setup: Setup) -> None:
     """Raise WrongForce unless the law of the setup answers the recorded samples with the recorded
     forces, bit for bit."""
-    expected = build_controller(setup).process(recording.daq.values).forces
+    expected = answer_samples(build_controller(setup), recording.daq.values).forces
     law = f"law '{setup.scene.controller.law}'"
     _compare(recording.force.arrays["force_n"], expected, law, setup)
 

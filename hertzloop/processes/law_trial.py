@@ -24,8 +24,9 @@ from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.controller.loading.records import seen_values
 from hertzloop.controller.loading.registry import load_anew, shipped
+from hertzloop.loop import answering
 from hertzloop.plant.contact.hertz import rigid_penetration_m
-from hertzloop.scene.controller import bound_law, build_idle_controller, law_context, loaded_law
+from hertzloop.scene.controller import bound_law, law_context, loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.quantities import SENSED, Trial
 from hertzloop.scene.setup import Setup
@@ -161,7 +162,7 @@ def _forces(trial: _LawTrial, beyond: float) -> np.ndarray:
     history = np.full(3 * (_SAMPLES + 1), beyond)[_SAMPLES + 1 : 2 * (_SAMPLES + 1)]
     trial.counts[:] = controller.law_state.counts
     controller.law_state = controller.law_state._replace(history=history, counts=trial.counts)
-    forces = controller.process(trial.samples).forces.copy()
+    forces = answering.answer_samples(controller, trial.samples).forces.copy()
     changed = np.flatnonzero(history[:_SAMPLES] != trial.samples)
     if len(changed):
         raise LawFault(
@@ -173,7 +174,7 @@ def _forces(trial: _LawTrial, beyond: float) -> np.ndarray:
 
 def _problem_in_child(trial: _LawTrial) -> str:
     """The same from a process that may hang or crash."""
-    build_idle_controller()  # what is compiled here is no time of the law's
+    answering.load()  # what is compiled here is no time of the law's
     name, context = trial.bound.name, multiprocessing.get_context("fork")
     reading, writing = context.Pipe(duplex=False)
     with own_folder() as folder:  # the child may be killed: what it unpacks goes with this

@@ -10,14 +10,12 @@ import numpy as np
 
 from hertzloop.controller.controller import (
     Controller,
-    SignalPath,
     latency_steps,
     mean_latency_steps,
 )
-from hertzloop.controller.law import Keys, LawContext
+from hertzloop.controller.law import LawContext
 from hertzloop.controller.loading.bound import BoundLaw
 from hertzloop.controller.loading.law import Law, LawError
-from hertzloop.controller.loading.registry import NO_CONTROL, find
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.errors import SceneError
@@ -154,11 +152,3 @@ def _needs_impedance(law: Law, keys: Any, about: LawContext) -> bool:
         law.constants(keys, replace(about, impedance_n_s_m=tried)) for tried in _TRIED_N_S_M
     )
     return any(not np.array_equal(a, b) for a, b in zip(one, other, strict=True))
-
-
-def build_idle_controller() -> Controller:
-    """A controller without a law, whose kernels are loaded, or compiled, once it is there: before
-    anybody waits for an answer."""
-    found = Controller(find(NO_CONTROL).bind(Keys(), LawContext()), SignalPath(), 1e-6, 1, 1, 0)
-    found.process(np.empty(0))
-    return found

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hertzloop.loop.answering import answer_samples
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.controller import build_controller
@@ -36,7 +37,7 @@ def replay_law(recording: Recording, setup: Setup) -> ForceComparison:
     daq, force = recording.daq, recording.force
     if not daq.samples or not force.samples:
         raise RecordingError(f"{recording.path}: the first samples or forces are missing")
-    other = controller.process(daq.values).forces
+    other = answer_samples(controller, daq.values).forces
     recorded = force.arrays["force_n"]
     count = min(len(other), len(recorded))
     other, recorded = other[:count].copy(), recorded[:count]

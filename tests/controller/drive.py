@@ -6,7 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from hertzloop.controller.controller import Controller, Reply, SignalPath
+from hertzloop.controller.controller import Controller, SignalPath
+from hertzloop.loop.answering import AnswerBlock, answer_samples
 from tests.controller.specs import LawSpec
 
 # kappa s = 4: the command of a penetration p = 1, 4, 9 is exactly 4, 32, 108 N.
@@ -20,7 +21,7 @@ class Driven:
     forces: np.ndarray
     modes: np.ndarray
     delays: np.ndarray
-    replies: list[Reply] = field(repr=False)
+    replies: list[AnswerBlock] = field(repr=False)
 
     def same_as(self, other: "Driven") -> bool:
         """Whether the modes and delays are equal, and the bytes of the forces known to both."""
@@ -63,9 +64,9 @@ def drive(
     edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples))})
     replies, forces = [], []
     for start, end in pairwise(edges):
-        reply = controller.process(values[start:end].copy(), commands_ahead)
+        reply = answer_samples(controller, values[start:end].copy(), commands_ahead)
         assert reply.first_step == sum(map(len, forces))  # without gap or overlap
-        assert reply.samples_seen == end
+        assert reply.samples == end
         replies.append(reply)
         forces.append(reply.forces.copy())  # as granted: a later change must not hide
     return Driven(

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.controller import SignalPath
+from hertzloop.loop.answering import answer_samples
 from tests.controller.drive import SLOPE, drive, make
 from tests.controller.specs import LawSpec
 from tests.controller.strategies import CUTS, EVERY_STEPS, LATENCIES, LAWS, LINES, SEQUENCES
@@ -54,9 +55,9 @@ def test_how_far_a_reply_reaches(law, samples, known):
     """After each sample: how many commands of samples to come the reply has settled."""
     line = SignalPath(latency_steps=5)
     replies = drive(law, line, samples, cuts=ONE_BY_ONE, commands_ahead=True).replies
-    settled = [r.first_step + len(r.forces) - (r.samples_seen + 1 + 5) for r in replies]
+    settled = [r.first_step + len(r.forces) - (r.samples + 1 + 5) for r in replies]
     # The line shows what the law grants only while the run still has samples to come.
-    left = [len(samples) + 60 - r.samples_seen for r in replies]
+    left = [len(samples) + 60 - r.samples for r in replies]
     assert settled == [min(wanted, most) for wanted, most in zip(known, left, strict=True)]
 
 
@@ -64,7 +65,7 @@ def test_how_far_a_reply_reaches(law, samples, known):
 def test_nothing_is_granted_beyond_the_end_of_the_run(samples):
     line = SignalPath(latency_steps=1, jitter_steps=2)
     controller = make(SLOPE, line, len(samples), after=0)
-    reply = controller.process(np.array(samples), commands_ahead=True)
+    reply = answer_samples(controller, np.array(samples), commands_ahead=True)
     assert len(reply.forces) == len(samples)
     assert controller.law_state.counts[laws.COMMANDED] == len(samples)
 
@@ -78,13 +79,13 @@ def test_the_promise_of_no_force_is_kept(
     controller = make(law, line, len(samples) + 30, every_steps, after=60)
     edges = sorted({0, len(samples), *(c for c in cuts if c < len(samples))})
     for start, end in pairwise(edges):
-        reply = controller.process(np.array(samples[start:end]), commands_ahead)
+        reply = answer_samples(controller, np.array(samples[start:end]), commands_ahead)
     if not reply.zero_until_trigger:
         return
     level = max(reply.trigger_level, -1e3)
     above = st.sampled_from([math.nextafter(level, math.inf), level + 0.5, level + 100.0])
     later = data.draw(st.lists(above, min_size=30, max_size=30))
-    silent = controller.process(np.array(later), commands_ahead)
+    silent = answer_samples(controller, np.array(later), commands_ahead)
     assert len(silent.forces) >= 30
     assert not silent.forces.any()
     assert silent.zero_until_trigger

@@ -13,6 +13,7 @@ from hertzloop.controller.controller import (
     mean_latency_steps,
 )
 from hertzloop.controller.kernels import EMITTED
+from hertzloop.loop.answering import answer_samples
 from tests.controller.specs import LawSpec
 
 
@@ -54,7 +55,7 @@ def simulated(line: SignalPath, every_steps: int, seed: int) -> float:
     samples = -(-STEPS // every_steps)
     bound = LawSpec("force_feedback", 1.0, gain=1.0).bound(1e-6)
     controller = Controller(bound, line, 1e-6, STEPS, every_steps, seed)
-    controller.process(1.0 + np.arange(samples) * every_steps, commands_ahead=False)
+    answer_samples(controller, 1.0 + np.arange(samples) * every_steps, commands_ahead=False)
     acting = controller.forces[: int(controller.line_state.counts[EMITTED])]
     step = np.arange(len(acting))
     begun = acting > 0.0

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from hertzloop.bus.events import MODES
 from hertzloop.controller.controller import Controller, SignalPath
+from hertzloop.loop.answering import answer_samples
 from tests.controller.drive import SLOPE, commands, drive
 from tests.controller.specs import LawSpec
 from tests.controller.strategies import LEVELS, SEQUENCES, THRESHOLDS
@@ -48,7 +49,7 @@ def test_the_slope_is_per_second(step_s, every_steps):
     controller = Controller(
         law.bound(every_steps * step_s), SignalPath(), step_s, 20, every_steps, 0
     )
-    modes = controller.process(np.array([1.0, -1.0, -3.0, -4.0, -4.0])).modes
+    modes = answer_samples(controller, np.array([1.0, -1.0, -3.0, -4.0, -4.0])).modes
     assert modes.tolist() == [LETTERS[letter] for letter in "IWWAA"]
 
 

@@ -7,6 +7,7 @@ import pytest
 import scipy.signal as sg
 
 from hertzloop.controller.controller import Controller, SignalPath
+from hertzloop.loop.answering import answer_samples
 from hertzloop.scene.controller import bound_law, loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
@@ -24,7 +25,7 @@ def forces(setup: Setup, samples: np.ndarray) -> np.ndarray:
     controller = Controller(
         bound_law(setup, False), SignalPath(), setup.run.step_s, count + 2, 1, 0
     )
-    return np.asarray(controller.process(samples, commands_ahead=False).forces)[-count:]
+    return np.asarray(answer_samples(controller, samples, commands_ahead=False).forces)[-count:]
 
 
 SECTIONS = {

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.laws._threshold import slope
 from hertzloop.controller.laws.shifted_threshold import shifted_threshold_m_s
+from hertzloop.loop.answering import answer_samples
 from tests.controller.drive import SLOPE, commands
 from tests.controller.specs import LawSpec
 
@@ -44,7 +45,7 @@ def gap(impedance: float = IMPEDANCE, lead_in_s: float = 20e-6, steps: int = 80)
 def acts(law: LawSpec, samples: np.ndarray) -> tuple[int, int, np.ndarray]:
     """First sample with a command, latched delay, commands by sample."""
     controller = Controller(law.bound(STEP_S), SignalPath(), STEP_S, len(samples) + 1, 1, 0)
-    reply = controller.process(samples)
+    reply = answer_samples(controller, samples)
     command = controller.forces[1 : len(samples) + 1]
     return int(np.flatnonzero(command)[0]), int(reply.delays[-1]), command
 
@@ -96,7 +97,7 @@ def test_a_sphere_that_passes_by_is_left_alone():
     rising = 1e-6 * np.arange(5, 60) ** 1.0
     law = replace(IMPACT, lead_samples=10)
     controller = Controller(law.bound(STEP_S), SignalPath(), STEP_S, 60, 1, 0)
-    controller.process(rising)
+    answer_samples(controller, rising)
     assert not controller.forces.any()
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from hertzloop.controller import kernels as k
 from hertzloop.controller.controller import SignalPath
+from hertzloop.loop.answering import answer_samples
 from tests.controller.drive import SLOPE, make
 from tests.controller.specs import LawSpec
 
@@ -44,7 +45,7 @@ def fingerprint() -> str:
             for every_steps in (1, 3):
                 controller = make(law, line, len(samples), every_steps)
                 for start in range(0, len(samples), 50):
-                    reply = controller.process(samples[start : start + 50])
+                    reply = answer_samples(controller, samples[start : start + 50])
                     promise = f"{reply.zero_until_trigger} {reply.trigger_level}".encode()
                     for part in (reply.forces, reply.modes, reply.delays, promise):
                         digest.update(part)

@@ -15,6 +15,7 @@ import scipy
 from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law_kernels import SAMPLES
 from hertzloop.controller.loading.bound import LawFault
+from hertzloop.loop.answering import answer_samples
 from hertzloop.loop.watchdog import watching
 from hertzloop.scene.controller import bound_law, law_constants, loaded_law
 from hertzloop.scene.setup import Setup
@@ -88,7 +89,7 @@ def _probe(setup: Setup, answered: list[np.ndarray]) -> TransferFunction:
         controller = Controller(bound, SignalPath(), setup.run.step_s, count + 2, 1, 0)
         answered.append(controller.law_state.counts)
         try:
-            return controller.process(samples, commands_ahead=False).forces[-count:]
+            return answer_samples(controller, samples, commands_ahead=False).forces[-count:]
         except LawFault as error:
             raise NotLinearError(f"it fails on a test signal: {error}") from error
 

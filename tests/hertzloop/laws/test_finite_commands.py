@@ -14,6 +14,7 @@ from pydantic.fields import FieldInfo
 from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law import WHOLE_STEPS, LawContext
 from hertzloop.controller.loading.registry import find, shipped
+from hertzloop.loop.answering import answer_samples
 from hertzloop.processes.law_trial import impact_samples
 from hertzloop.scene.controller import law_context, loaded_law
 from hertzloop.scene.setup import Setup, load
@@ -60,7 +61,7 @@ def commands(scene: Setup, samples: np.ndarray) -> np.ndarray:
     law = loaded_law(scene)
     bound = law.bind(scene.scene.controller.keys, known(scene)[1])
     made = Controller(bound, SignalPath(), scene.run.step_s, len(samples) + 1, 1, 1)
-    return made.process(samples).forces
+    return answer_samples(made, samples).forces
 
 
 @pytest.mark.parametrize("law", shipped())

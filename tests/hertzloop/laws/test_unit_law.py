@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hertzloop.controller.controller import Controller, SignalPath
+from hertzloop.loop.answering import answer_samples
 from hertzloop.loop.run_options import Transport
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.recording import Recording
@@ -179,7 +180,7 @@ def test_values_are_in_the_units_of_the_unit(unit, tmp_path):
     def forces(path: Path) -> np.ndarray:
         bound = bound_law(scene_of(path))
         controller = Controller(bound, SignalPath(), 1e-6, 20, 1, 0)
-        return np.asarray(controller.process(np.linspace(-1e-3, 0.0, 10)).forces)
+        return np.asarray(answer_samples(controller, np.linspace(-1e-3, 0.0, 10)).forces)
 
     plain, other = forces(unit), forces(changed(unit, tmp_path, "mm", "kN"))
     assert other == pytest.approx(1e6 * plain)

@@ -150,9 +150,9 @@ def test_compiling_the_loop_is_no_time_of_the_law(here):
     """On a fresh machine that takes longer than a law's trial may."""
     write_law(here)
     script = (
-        "import os; from hertzloop.controller import kernels; fork = os.fork\n"
+        "import os; from hertzloop.closed_loop import answer; fork = os.fork\n"
         "def checked():\n"
-        "    assert kernels.control_block.signatures, 'not loaded'\n"
+        "    assert answer.answer.signatures, 'not loaded'\n"
         "    return fork()\n"
         "os.fork = checked\n"
         "from hertzloop.processes.law_trial import try_law\n"
