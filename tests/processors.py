@@ -28,11 +28,13 @@ def _setting(cpu: str, blas: str, *without: str, **more: str) -> dict[str, str]:
 
 
 _AVX512 = ("X86_V4", "AVX512")
+_has_avx512 = any(name.startswith(_AVX512) for name in _SIMD)
 PROCESSORS = {
     "native": dict[str, str](),
     "haswell": _setting("haswell", "Haswell", *_AVX512),
     "znver3": _setting("znver3", "Zen", *_AVX512),
-    "x86-64-v3": _setting("x86-64-v3", "SkylakeX"),
+    # A process that OpenBLAS starts for instructions that are not there ends at once.
+    "x86-64-v3": _setting("x86-64-v3", "SkylakeX" if _has_avx512 else "Haswell"),
     "without FMA": _setting(
         "generic",
         "Prescott",
