@@ -25,6 +25,11 @@ from hertzloop.scene.setup import Setup, load
 _MOST_STEPS = 60_000
 
 
+def _steps(setup: Setup) -> int:
+    run = getattr(setup, "run", setup)  # another checkout may have no table of the run
+    return int(run.steps)
+
+
 @cache
 def case_of(scene: str, yields: bool, points: int) -> tuple[Setup, Plant]:
     """A scene file whose actuator is at the contact; or (3 points) 15 mm beside it, with a
@@ -37,7 +42,7 @@ def case_of(scene: str, yields: bool, points: int) -> tuple[Setup, Plant]:
     if yields:
         keys += ["contact.plasticity=thornton", "contact.limiting_pressure_pa=1e9"]
     setup = load(scene, keys)
-    setup = setup.with_steps(min(setup.run.steps, _MOST_STEPS))
+    setup = setup.with_steps(min(_steps(setup), _MOST_STEPS))
     return setup, build_plant(setup)
 
 
@@ -48,11 +53,11 @@ def step_us(scene: str, yields: bool, points: int, force_n: float | None) -> flo
     if force_n is None:
         IN_LOOP.running, IN_LOOP.seconds = True, 0.0
         simulate(setup, own_plant=plant)
-        return 1e6 * IN_LOOP.seconds / setup.run.steps
-    forces = np.full(setup.run.steps, force_n)
+        return 1e6 * IN_LOOP.seconds / _steps(setup)
+    forces = np.full(_steps(setup), force_n)
     started = time.thread_time()
     series_under(plant, forces)
-    return 1e6 * (time.thread_time() - started) / setup.run.steps
+    return 1e6 * (time.thread_time() - started) / _steps(setup)
 
 
 if __name__ == "__main__":

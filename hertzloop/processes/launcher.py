@@ -143,12 +143,13 @@ class Launcher:
 
     def _hear(self, on_progress: Callable[[int], None]) -> bool:
         """Take in what the processes report within a moment; return whether one did."""
-        by_pipe = {child.reports: child for child in self.children if child.code is None}
-        heard = False
-        for pipe in wait([pipe for pipe in by_pipe if pipe], _LOOK_S):
-            child, heard = by_pipe[pipe], True  # type: ignore[index]
+        pipes = [(c.reports, c) for c in self.children if c.reports and c.code is None]
+        ready = wait([pipe for pipe, _ in pipes], _LOOK_S)
+        for pipe, child in pipes:
+            if pipe not in ready:
+                continue
             try:
-                report: dict[str, Any] = pipe.recv()  # type: ignore[union-attr,call-arg,assignment]
+                report = pipe.recv()
             except (EOFError, OSError):  # it ends
                 child.process.join(_PATIENCE_S)  # type: ignore[union-attr]
                 child.code = 1 if child.process.exitcode is None else child.process.exitcode
@@ -161,6 +162,7 @@ class Launcher:
             child.ready = child.ready or "ready" in report
             child.fault = report.get("fault", child.fault)
             child.done = report.get("done", child.done)
+        heard = bool(ready)
         for child in self.children:
             if child.reports is None and child.running:
                 heard = self._look_at_program(child) or heard
