@@ -26,7 +26,8 @@ _MOST_STEPS = 60_000
 
 
 def _steps(setup: Setup) -> int:
-    run = getattr(setup, "run", setup)  # another checkout may have no table of the run
+    # Another checkout may have no table of the run.
+    run = vars(setup).get("run", setup)
     return int(run.steps)
 
 

@@ -8,9 +8,8 @@ import rerun as rr
 
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.recordings.recording import Event, Recording
-from hertzloop.recordings.replay import blueprint, scene3d
+from hertzloop.recordings.replay import axis_range, blueprint, scene3d
 from hertzloop.recordings.replay import spectrum as spectra_drawn
-from hertzloop.recordings.replay.contacts import Span
 from hertzloop.recordings.replay.decimation import enough
 from hertzloop.recordings.replay.law_states import law_states
 from hertzloop.recordings.replay.plots import Plot, PlotCurve
@@ -82,8 +81,9 @@ def fill(stream: rr.RecordingStream, replay: ReplayData, still: bool = False) ->
         at, full_n = replay.labels.actuator_m, _full_arrow_n(replay)
         scene3d.send_actuator(stream, at_frames["f_a_n"], deflection, at, drawn, full_n)
     for plot in replay.plots:
+        low, high = axis_range.zoomed(plot, replay.when.around_ns)
         for curve in (one for one in plot.curves if len(one.values)):
-            _send_curve(stream, plot, curve, _exact_within(curve, replay.when.around_ns))
+            _send_curve(stream, plot, curve, _EXACT_SHARE * (high - low))
     if replay.labels.spectra:
         colours = [_LINE_COLOURS["v_p"], *_FAINT]
         spectra_drawn.send(stream, replay.labels.spectra, colours[: len(replay.labels.spectra)])
@@ -112,13 +112,6 @@ def _surface_title(replay: ReplayData) -> str:
         return "Plate at rest"
     full = scene3d.with_unit(replay.drawn.full_colour_m, "m")
     return f"Plate, heights drawn {replay.drawn.in_words}; blue: -{full} and below, red: +{full}"
-
-
-def _exact_within(curve: PlotCurve, around_ns: Span) -> float:
-    """Error of a curve at the cursor that nobody sees: of the part that a zoom first shows."""
-    a, b = np.searchsorted(curve.time_ns, around_ns)
-    shown = np.nan_to_num(curve.values[a : b + 1], posinf=0.0, neginf=0.0)
-    return float(_EXACT_SHARE * np.ptp(shown)) if len(shown) else 0.0
 
 
 def _send_curve(stream: rr.RecordingStream, plot: Plot, curve: PlotCurve, within: float) -> None:

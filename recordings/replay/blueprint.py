@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import rerun.blueprint as rrb
 from rerun.blueprint.components import AbsoluteTimeRange
 
+from hertzloop.recordings.replay.axis_range import whole, zoomed
 from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.recordings.replay.moments import Moments
 from hertzloop.recordings.replay.plots import Plot
@@ -112,7 +113,7 @@ def _contacts() -> rrb.TextLogView:
 def _spectrum() -> rrb.BarChartView:
     return rrb.BarChartView(
         origin="spectrum",
-        name="Plate velocity v_p, first half second: dB re 1 nm/s in 1/12 octaves over lg(f / Hz)",
+        name="Plate velocity v_p, first half second: dB re 1 um/s in 1/12 octaves over lg(f / Hz)",
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
     )
 
@@ -124,6 +125,7 @@ def _plot_row(plot: Plot, when: Moments) -> rrb.Horizontal:
         origin=f"zoom/{plot.key}",
         name=f"{plot.title}, at the cursor",
         axis_x=_around_cursor(when),
+        axis_y=rrb.ScalarAxis(range=zoomed(plot, when.around_ns)),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),
         # Only what is visible is queried: full rate costs nothing this way.
         time_ranges=[rrb.VisibleTimeRange(TIMELINE, start=start, end=end)],
@@ -132,6 +134,7 @@ def _plot_row(plot: Plot, when: Moments) -> rrb.Horizontal:
         origin=f"overview/{plot.key}",
         name="Whole run",
         axis_x=rrb.TimeAxis(link="LinkToGlobal"),
+        axis_y=rrb.ScalarAxis(range=whole(plot)),
         plot_legend=rrb.PlotLegend(visible=False),  # as beside it
     )
     return rrb.Horizontal(zoom, overview, column_shares=_ZOOM_TO_OVERVIEW)

@@ -9,7 +9,7 @@ import rerun as rr
 BANDS_PER_OCTAVE = 12
 _FADES = 0.25  # share of a run over which its end fades out
 _NARROW = 0.4  # share of a band that a bar in front of another fills
-_REFERENCE_DB = 180.0  # of 1 m/s over 1 nm/s, the reference of ISO 1683
+_REFERENCE_DB = 120.0  # of 1 m/s over 1 um/s: over 1 nm/s bars would all look alike
 
 
 @dataclass(frozen=True)
