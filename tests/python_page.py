@@ -1,5 +1,6 @@
 """The reference page of the Python interface, made of the docstrings of its names.
 
+It shows signatures, first sentences, units and shapes; `help` shows the whole docstrings.
 `python -m tests.python_page` writes it.
 """
 
@@ -29,7 +30,7 @@ NAMES = {
     "Fits": """api.measurements.read_record api.measurements.read_records
         fitting.records.record.Record api.measurements.fit fitting.fit.results.FitResult
         fitting.fit.results.Estimate""",
-    "Linear response": """api.studies.linear studies.margin.linear.TransferFunction""",
+    "Linear response": """api.studies.linear studies.margin.system.LinearSystem""",
     "Step by step": """api.stepper.Stepper""",
     "Exceptions": """scene.errors.SceneError loop.run_options.OptionError
         studies.cases.axis.DesignError fitting.records.errors.RecordError
@@ -40,6 +41,18 @@ NAMES = {
         controller.law.Response controller.law.kernel""",
     "pytest": """pytest_plugin.hertzloop_run pytest_plugin.RequirementFailed""",
 }
+# Classes whose attributes another page explains, and where.
+ELSEWHERE = {
+    "SpanMetrics": "[Metrics of a run](metrics.md#metrics-of-a-run)",
+    "CaseMetrics": "[Metrics of a case](metrics.md#metrics-of-a-case)",
+    "BudgetResult": "[Fields of the budget](../how-to/budget.md#fields-of-json)",
+    "InPlant": "[Fields of the budget](../how-to/budget.md#fields-of-json)",
+    "BudgetLimit": "[Fields of the budget](../how-to/budget.md#fields-of-json)",
+    "Margin": "[Results of a margin](../how-to/margin.md#results)",
+    "FitResult": "[JSON of a fit](fit-json.md)",
+    "Estimate": "[JSON of a fit](fit-json.md)",
+}
+_SCENE = ("the scene, or its name or TOML file", "the scene with its law, or its name or TOML file")
 _PART = re.compile(r"^(Args|Attributes|Returns|Raises):$")
 _ITEM = re.compile(r"^(\w+): (.*)$")
 
@@ -49,35 +62,54 @@ def page() -> str:
     lines = [
         "# Python interface",
         "",
-        "[Use Python and notebooks](../how-to/python.md) has examples. The names of numbers end in "
-        "their units: `_m`, `_us`, `_n`, `_n_s` (N s), `_db`. `import hertzloop` offers functions "
-        "and classes, `hertzloop.law` the names of a law.",
+        "[Use Python and notebooks](../how-to/python.md) has examples. `help(hertzloop.run)`",
+        "prints the whole text on a name, with the conditions of its errors. The names of numbers",
+        "end in their units: `_m`, `_us`, `_n`, `_n_s` (N s), `_db`. `import hertzloop` offers",
+        "functions and classes, `hertzloop.law` the names of a law.",
+        "",
+        "A parameter `scene` is a scene, the name of a shipped one, or a TOML file. `options` are",
+        "fields of the request by name, for example `workers=1`.",
         "",
     ]
     for heading, names in NAMES.items():
         lines += [f"## {heading}", ""]
-        for name in names.split():
-            lines += entry(pkgutil.resolve_name(f"hertzloop.{name}"))
+        named = [pkgutil.resolve_name(f"hertzloop.{name}") for name in names.split()]
+        if heading == "Exceptions":
+            lines += [f"- `{one.__name__}`: {_cell(_summary(one))}" for one in named] + [""]
+        else:
+            lines += [line for one in named for line in entry(one)]
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
 def entry(named: Any) -> list[str]:
-    """The entry of a function or a class: a summary, and a row for each parameter or attribute."""
-    summary, parts = parts_of(inspect.getdoc(named) or "")
-    heading = f"`{named.__name__}`"
-    if inspect.isfunction(named):
-        heading = f"`{named.__name__}({_parameters(named)})`"
-    lines = [f"### {heading}", "", summary, ""]
+    """The entry of a function or a class: a summary, and a line for each parameter or attribute."""
+    _, parts = parts_of(inspect.getdoc(named) or "")
+    is_function = inspect.isfunction(named)
+    heading = named.__name__ + (f"({_parameters(named)})" if is_function else "")
+    lines = [f"### `{heading}`", "", _summary(named), ""]
     rows = _rows(named, parts)
-    if rows:
-        what = "parameter" if inspect.isfunction(named) else "attribute"
-        lines += [f"| {what} | meaning |", "|---|---|"]
-        lines += [f"| `{name}` | {_cell(meaning)} |" for name, meaning in rows.items()]
-        lines.append("")
-    for part in ("Returns", "Raises"):
-        if text := parts.get(part):
-            lines += [f"{part}: {_sentence(text)}", ""]
+    if where := ELSEWHERE.get(named.__name__):
+        names = dict.fromkeys([*getattr(named, "__annotations__", ()), *rows])
+        shown = ", ".join(f"`{name}`" for name in names if not name.startswith("_"))
+        lines += [f"Attributes: {shown}. See {where}.", ""]
+    elif isinstance(named, type) and issubclass(named, Enum):
+        lines += [f"{', '.join(f'`{name}` {value}' for name, value in rows.items())}.", ""]
+    elif rows:
+        lines += [f"- `{name}`: {_cell(_first(meaning))}" for name, meaning in rows.items()] + [""]
+    if text := parts.get("Returns"):
+        lines += [f"Returns: {_sentence(text)}", ""]
+    if errors := _items(parts.get("Raises", "")):
+        lines += [f"Raises: {', '.join(f'`{name}`' for name in errors)}.", ""]
     return lines
+
+
+def _summary(named: Any) -> str:
+    """The first sentence of a docstring."""
+    return _first(parts_of(inspect.getdoc(named) or "")[0])
+
+
+def _first(text: str) -> str:
+    return re.split(r"(?<=[.:]) (?=[A-Z])|(?<=\.) (?=`)|; `", text)[0]
 
 
 def parts_of(text: str) -> tuple[str, dict[str, str]]:
@@ -102,9 +134,12 @@ def _rows(named: Any, parts: dict[str, str]) -> dict[str, str]:
     """Names and meanings: of the docstring, else of the fields, members or properties."""
     rows = _items(parts.get("Args") or parts.get("Attributes") or "")
     if not isinstance(named, type):
-        return rows
+        is_common = {
+            name: name == "options" or text.strip(" .\n") in _SCENE for name, text in rows.items()
+        }
+        return {name: meaning for name, meaning in rows.items() if not is_common[name]}
     if issubclass(named, Enum):
-        return {member.name: f"`{member.value}`" for member in named}
+        return {member.name: f'"{member.value}"' for member in named}
     if is_dataclass(named):
         for one in fields(named):
             if not one.name.startswith("_"):
@@ -112,7 +147,7 @@ def _rows(named: Any, parts: dict[str, str]) -> dict[str, str]:
     for name, member in vars(named).items():
         is_public = not name.startswith("_") and callable(getattr(member, "__get__", None))
         if is_public and (text := inspect.getdoc(member)):
-            shown = f"{name}()" if inspect.isfunction(member) else name
+            shown = f"{name}({_parameters(member)})" if inspect.isfunction(member) else name
             rows[shown] = parts_of(text)[0]
     return {name: meaning for name, meaning in rows.items() if meaning}
 
@@ -134,6 +169,8 @@ def _parameters(function: Any) -> str:
     """Parameters as they are called: names, a star, defaults."""
     shown = []
     for name, one in inspect.signature(function).parameters.items():
+        if name == "self":
+            continue
         if one.kind is one.KEYWORD_ONLY and not any("*" in other for other in shown):
             shown.append("*")
         default = "" if one.default is one.empty or callable(one.default) else f"={one.default!r}"
@@ -143,7 +180,7 @@ def _parameters(function: Any) -> str:
 
 
 def _sentence(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|")
+    return " ".join(text.split())
 
 
 def _cell(text: str) -> str:
