@@ -156,13 +156,14 @@ def test_named_files_exist(page):
 
 
 def test_the_readme_is_short():
-    assert len((ROOT / "README.md").read_text().splitlines()) <= 90
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 70
 
 
 def test_the_tour_leads_through_names_that_exist():
     tour = (DOCS / "explanation" / "tour.md").read_text()
     stops = re.findall(r"^\| \d+ \| `(.+?)` \| `(.+?)` \|", tour, re.M)
-    assert len(stops) == 28
+    assert len(stops) == 16
+    assert sum(len((ROOT / file).read_text().splitlines()) for file, _ in stops) <= 3000
     for file, name in stops:
         defined = rf"^(?:(?:def|class) {name}\b|{name}\b.* = )"
         assert re.search(defined, (ROOT / file).read_text(), re.M), (file, name)
