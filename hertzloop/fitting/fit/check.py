@@ -51,7 +51,7 @@ def check(setup: Setup, records: Sequence[Record], free: Sequence[FreeKey]) -> F
     reasons = ["This is a check before a fit: nothing was fitted."]
     assessment = ModelAssessment(ModelVerdict.CANNOT_TELL, math.nan, reasons=reasons)
     return FitResult(
-        **common_fields(problem, iterate, iterate, known, assessment),
+        **common_fields(problem, iterate, known, assessment),
         estimates=estimates,
         wall_s=time.perf_counter() - began,
         speeds_m_s=impact_speeds(problem, {}),

@@ -26,7 +26,6 @@ from hertzloop.fitting.fit.solver.discrete_key import search_discrete_key
 from hertzloop.fitting.fit.solver.global_search import best_start, search_lower_minimum
 from hertzloop.fitting.fit.solver.minimise import minimise
 from hertzloop.fitting.fit.solver.solution import solve
-from hertzloop.fitting.fit.uncertainty.converter_draws import apply_converter_draws
 from hertzloop.fitting.fit.uncertainty.intervals import add_discrete_estimate, estimate_keys
 from hertzloop.fitting.fit.uncertainty.key_uncertainty import key_uncertainty
 from hertzloop.fitting.fit.verdicts import KeyVerdict
@@ -82,7 +81,6 @@ def fit(
     problem, iterate = solution.problem, solution.iterate
     check_sample_count(iterate)
     known = key_uncertainty(problem, iterate, solution.shifts)
-    apply_converter_draws(problem, iterate, known)
     estimates, one_sided = estimate_keys(problem, iterate, known)
     estimates = add_discrete_estimate(problem, estimates, known, solution.profile)
     unsure = {e.key for e in estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE}
@@ -95,7 +93,7 @@ def fit(
         held_over_noise = held["residual_over_noise"]
     assessment = assess_model(problem, plain, one_sided, unsure, held_over_noise)
     return FitResult(
-        **common_fields(problem, iterate, plain, known, assessment),
+        **common_fields(problem, plain, known, assessment),
         estimates=estimates,
         hold_out=held,
         setup=fitted,

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.fitting.fit.key_combinations import KeyCombination
 from hertzloop.fitting.fit.verdicts import KeyVerdict, ModelVerdict
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
@@ -89,8 +88,6 @@ class FitResult:
         model: verdict on the model.
         statistics: the tests behind the verdict, by name.
         reasons: sentences on the verdict.
-        combinations: products of keys with their half-widths, the worst known first.
-        measure_next: sentences on what to measure.
         hold_out: Comparison with the held-out records; None without any.
         evaluations: number of simulations.
         wall_s: duration of the fit, s.
@@ -110,8 +107,6 @@ class FitResult:
     model: ModelVerdict
     statistics: dict[str, Any]
     reasons: list[str]
-    combinations: list[KeyCombination]
-    measure_next: list[str]
     evaluations: int
     wall_s: float
     covariance: np.ndarray

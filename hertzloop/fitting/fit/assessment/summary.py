@@ -9,14 +9,12 @@ from hertzloop.fitting.fit.assessment.residuals import describe_nuisances
 from hertzloop.fitting.fit.problem.iterate import Iterate
 from hertzloop.fitting.fit.problem.problem import FitProblem
 from hertzloop.fitting.fit.uncertainty.key_uncertainty import KeyUncertainty
-from hertzloop.fitting.fit.uncertainty.measure_next import suggest_measurement
 from hertzloop.fitting.records.errors import RecordError
 from hertzloop.fitting.records.record import Record
 
 
 def common_fields(
     problem: FitProblem,
-    iterate: Iterate,
     plain: Iterate,
     known: KeyUncertainty,
     assessment: ModelAssessment,
@@ -25,8 +23,7 @@ def common_fields(
 
     Args:
         problem: the fit.
-        iterate: its solution.
-        plain: the same, with the model taken as exact.
+        plain: its solution, with the model taken as exact.
         known: uncertainty of the keys.
         assessment: verdict on the model.
     """
@@ -38,8 +35,6 @@ def common_fields(
         "statistics": assessment.as_json(),
         "reasons": assessment.reasons,
         "covariance": known.covariance,
-        "combinations": known.combinations,
-        "measure_next": suggest_measurement(problem, iterate, known),
         "notes": [note for c in problem.channels for note in c.notes],
         "evaluations": problem.counter.done,
     }

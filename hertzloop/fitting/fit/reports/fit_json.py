@@ -21,15 +21,6 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "model": str(result.model),
         "statistics": result.statistics,
         "reasons": result.reasons,
-        "combinations": [
-            {
-                "keys": c.exponents,
-                "combination": str(c),
-                "half_width_percent": c.half_width_percent,
-            }
-            for c in result.combinations
-        ],
-        "measure_next": result.measure_next,
         "hold_out": result.hold_out,
         "covariance_log": np.asarray(result.covariance).tolist(),
         "speeds_m_s": list(result.speeds_m_s),

@@ -77,7 +77,6 @@ def sentences(result: FitResult) -> list[str]:
                 "a step beyond the values that explain the records."
             )
     found += _unidentified_sentences(result)
-    found += result.measure_next
     if result.checked_only:
         return found
     found.append(
@@ -134,15 +133,12 @@ def _accuracy_sentence(
 
 
 def _unidentified_sentences(result: FitResult) -> list[str]:
-    """Name what the records cannot tell: combinations first, then each key with the reason."""
+    """Name the keys that the records cannot tell, each with the reason."""
     keys = [e for e in result.estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE]
     if not keys:
         return []
-    worst = [c for c in result.combinations if c.half_width_percent > 100.0 * WIDEST]
-    named = {key for c in worst for key in c.exponents}
-    parts = [str(c) for c in worst] + [e.key for e in keys if e.key not in named]
     return [
-        f"Not identifiable from these records: {'; '.join(parts)}.",
+        f"Not identifiable from these records: {', '.join(e.key for e in keys)}.",
         *(_why_unidentified(e, len(result.estimates) > 1) for e in keys),
     ]
 

@@ -5,10 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.fitting.fit.key_combinations import (
-    KeyCombination,
-    key_combinations,
-)
 from hertzloop.fitting.fit.problem.iterate import Iterate
 from hertzloop.fitting.fit.problem.problem import FitProblem
 
@@ -26,13 +22,11 @@ class KeyUncertainty:
     Attributes:
         covariance: (keys, keys), inf where nothing is known.
         alone: standard deviation of each key if all other keys were known, (keys,).
-        combinations: products of keys, from the worst known to the best.
         wider: factor on intervals that a discrepancy brings.
     """
 
     covariance: np.ndarray
     alone: np.ndarray
-    combinations: list[KeyCombination]
     wider: float = 1.0
 
     @property
@@ -54,8 +48,7 @@ def key_uncertainty(
         iterate: where, with its Jacobian.
         shifts: of the keys' logarithms that parts of the records show, (keys,) each.
     """
-    keys = [f.key for f in problem.varied_keys]
-    n = len(keys)
+    n = len(problem.varied_keys)
     jacobian = iterate.jacobian
     length = np.sqrt(np.sum(jacobian**2, axis=0))
     safe = np.where(length > 0.0, length, 1.0)
@@ -84,7 +77,7 @@ def key_uncertainty(
     if wider > 1.0:
         covariance = wider**2 * (covariance + _covariance_by_shared_discrepancy(problem, iterate))
         covariance += sum((np.outer(m, m) for m in shifts), np.zeros((n, n)))
-    return KeyUncertainty(covariance, wider * alone, key_combinations(keys, covariance), wider)
+    return KeyUncertainty(covariance, wider * alone, wider)
 
 
 def _covariance_by_shared_discrepancy(problem: FitProblem, iterate: Iterate) -> np.ndarray:
