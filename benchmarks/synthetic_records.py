@@ -6,10 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
-from hertzloop.fitting.fit.simulation.loop_simulator import LoopSimulator
-from hertzloop.fitting.fit.simulation.measuring_chain import MeasuringChain
-from hertzloop.fitting.fit.simulation.observed_signal import ObservedSignal, observe
+from hertzloop.fitting.fit.impact_simulator import ImpactSimulator, LoopSimulator
+from hertzloop.fitting.fit.observed_signal import MeasuringChain, ObservedSignal, observe
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup

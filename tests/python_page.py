@@ -33,8 +33,8 @@ NAMES = {
     "Linear response": """api.studies.linear studies.margin.system.LinearSystem""",
     "Step by step": """api.stepper.Stepper""",
     "Exceptions": """scene.errors.SceneError loop.run_options.OptionError
-        studies.cases.axis.DesignError fitting.records.errors.RecordError
-        fitting.fit.errors.FitError processes.launcher.RunFailed bus.port.BusError
+        studies.cases.axis.DesignError fitting.errors.RecordError
+        fitting.errors.FitError processes.launcher.RunFailed bus.port.BusError
         bus.streams.StreamFault recordings.writer.RecordingError studies.cases.workers.WorkersLost
         results.cases.UnstableLoop results.cases.CaseFailed""",
     "Laws": """controller.law.Keys controller.law.LawContext controller.law.ForceBound

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from hertzloop.api.stepper import Stepper
     from hertzloop.bus.port import BusError
     from hertzloop.bus.streams import StreamFault
-    from hertzloop.fitting.fit.errors import FitError
+    from hertzloop.fitting.errors import FitError, RecordError
     from hertzloop.fitting.fit.results import FitResult
-    from hertzloop.fitting.records.errors import RecordError
     from hertzloop.fitting.records.record import Record
     from hertzloop.loop.run_options import OptionError
     from hertzloop.processes.launcher import RunFailed
@@ -92,9 +91,8 @@ _NAMES_BY_MODULE = {
     "loop.run_options": ("OptionError",),
     "processes.launcher": ("RunFailed",),
     "recordings.writer": ("RecordingError",),
-    "fitting.fit.errors": ("FitError",),
+    "fitting.errors": ("FitError", "RecordError"),
     "fitting.fit.results": ("FitResult",),
-    "fitting.records.errors": ("RecordError",),
     "fitting.records.record": ("Record",),
     "studies.budget.request": ("BudgetRequest",),
     "studies.budget.result": ("BudgetResult",),

@@ -79,7 +79,7 @@ def fit(
         SceneError: the scene cannot be simulated.
     """
     from hertzloop.fitting.fit.fit import fit as fit_records
-    from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
+    from hertzloop.fitting.fit.free_keys import parse_free_key
     from hertzloop.fitting.records.record import Record
 
     check_list("free", free)

@@ -73,7 +73,7 @@ MAIN = (
     ),
     CommandEntry(
         "fit",
-        "hertzloop.fitting.commands.fit:fit",
+        "hertzloop.fitting.command:fit",
         "Fit keys of a scene to measured records.",
         "fit aluminium-3mm drop.csv --free sphere.radius_m --json fit.json",
     ),

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.fitting.fit.fit import fit
-from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
+from hertzloop.fitting.fit.free_keys import parse_free_key
 from hertzloop.fitting.fit.results import FitResult
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup, load

@@ -5,9 +5,9 @@ import pytest
 
 from benchmarks.margin import beside_the_contact
 from hertzloop.closed_loop.parts import series_under
-from hertzloop.fitting.fit.problem.problem_preparation import with_measuring_point
-from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import RecordError
+from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
+from hertzloop.fitting.fit.problem_preparation import with_measuring_point
 from hertzloop.fitting.records.record import Record
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts

@@ -1,40 +1,73 @@
-"""Fit scene keys to records."""
+"""Fit scene keys to records, and compare records that are held out."""
 
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-from hertzloop.fitting.fit.assessment.assessment import assess_model
-from hertzloop.fitting.fit.assessment.residuals import impact_speeds, residual_curves
-from hertzloop.fitting.fit.assessment.summary import (
-    check_sample_count,
+import numpy as np
+
+from hertzloop.fitting.errors import FitError
+from hertzloop.fitting.fit.assessment import (
+    assess_model,
     common_fields,
+    describe_nuisances,
+    impact_speeds,
+    independent_samples,
+    residual_curves,
+)
+from hertzloop.fitting.fit.channel import exclude_contact
+from hertzloop.fitting.fit.free_keys import FreeKey, is_chain_key, is_control_key, refuse_duplicates
+from hertzloop.fitting.fit.intervals import add_discrete_estimate, estimate_keys, key_uncertainty
+from hertzloop.fitting.fit.minimise import best_start, minimise, search_lower_minimum
+from hertzloop.fitting.fit.problem import FitProblem, Iterate
+from hertzloop.fitting.fit.problem_preparation import (
+    check_sample_count,
+    prepare_problem,
+    rebuild_simulators,
     unique_names,
 )
-from hertzloop.fitting.fit.channels.sample_selection import exclude_contact
-from hertzloop.fitting.fit.errors import FitError
-from hertzloop.fitting.fit.hold_out import compare_hold_out, leave_out_held
-from hertzloop.fitting.fit.keys.free_keys import FreeKey, refuse_duplicates
-from hertzloop.fitting.fit.keys.key_scope import is_control_key
-from hertzloop.fitting.fit.problem.iterate import Iterate
-from hertzloop.fitting.fit.problem.problem import FitProblem
-from hertzloop.fitting.fit.problem.problem_preparation import prepare_problem
-from hertzloop.fitting.fit.problem.simulators import rebuild_simulators
-from hertzloop.fitting.fit.results import FitResult
-from hertzloop.fitting.fit.solver.discrete_key import search_discrete_key
-from hertzloop.fitting.fit.solver.global_search import best_start, search_lower_minimum
-from hertzloop.fitting.fit.solver.minimise import minimise
-from hertzloop.fitting.fit.solver.solution import solve
-from hertzloop.fitting.fit.uncertainty.intervals import add_discrete_estimate, estimate_keys
-from hertzloop.fitting.fit.uncertainty.key_uncertainty import key_uncertainty
-from hertzloop.fitting.fit.verdicts import KeyVerdict
-from hertzloop.fitting.records.chain_keys import is_chain_key
+from hertzloop.fitting.fit.results import FitResult, KeyVerdict
+from hertzloop.fitting.fit.solution import solve
+from hertzloop.fitting.fit.whole_steps import search_discrete_key
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
 
+_OF_RECORD = ("gain", "in_pulse_percent", "after_pulse_percent", "largest_percent")
 _MOVED = 0.01  # change of a key's logarithm for which the modes of the plate are chosen anew
 _LAST_STAGES = 2  # minimisations after the windows, for the estimate of the time left
+
+
+def leave_out_held(records: Sequence[Record], held: Sequence[Record]) -> list[Record]:
+    """Return the records that are not held out as well. Raises FitError if none is left."""
+    found = [one for one in records if not any(one.repeats(other) for other in held)]
+    if not found:
+        raise FitError(
+            f"--hold-out {held[0].name}: leaves no record to fit. Give another RECORD, or hold "
+            "out fewer."
+        )
+    return found
+
+
+def compare_hold_out(fitted: Setup, records: Sequence[Record], exact: bool) -> dict[str, Any]:
+    """Compare records with the fitted scene; only their nuisances are found anew."""
+    problem = prepare_problem(fitted, records, [])
+    if problem.looped:
+        problem = search_discrete_key(problem)
+    until_s = problem.windows_s()[-1]
+    iterate = minimise(problem, problem.start_vector(), until_s)
+    found = solve(problem, iterate.x, [], exact)
+    problem, plain = found.problem, found.exact_iterate()
+    rows = np.concatenate([plain.residual[one.rows] for one in plain.channels])
+    samples = sum(map(independent_samples, problem.channels, plain.channels))
+    ratio = math.sqrt(float(rows @ rows) / max(samples - len(plain.x), 1.0))
+    nuisances = describe_nuisances(problem, plain)
+    return {
+        "records": [r.name for r in records],
+        "residual_over_noise": ratio,
+        **{key: [getattr(n, key) for n in nuisances] for key in _OF_RECORD},
+    }
 
 
 def fit(

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import RecordError
 from hertzloop.fitting.records.quantities import NAMES
 from hertzloop.sensors.acquisition import HIGHEST_ORDER
 

@@ -11,17 +11,19 @@ from typing import Any
 import numpy as np
 
 from hertzloop.common.text_files import text_of
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import RecordError
 from hertzloop.fitting.records.files import ENDINGS, FileContents, read_file
 from hertzloop.fitting.records.measurement import Measurement, parse_record_table
 from hertzloop.fitting.records.quantities import (
     QUANTITIES,
+    UNITS,
     known_quantity,
     quantity_of,
     split_heading,
+    symbol_of,
+    units_of,
 )
 from hertzloop.fitting.records.record import Record
-from hertzloop.fitting.records.units import UNITS, symbol_of, units_of
 
 _TIMES = ("time", "t")
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import RecordError
 from hertzloop.fitting.records.measurement import Measurement, parse_record_table
 from hertzloop.fitting.records.quantities import PLATE_QUANTITIES, known_quantity
 

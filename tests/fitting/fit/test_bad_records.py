@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.fitting.fit.verdicts import ModelVerdict
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import RecordError
+from hertzloop.fitting.fit.results import ModelVerdict
 from hertzloop.fitting.records.record import Record
 from tests.fitting.fitting import RADIUS, assert_holds, fitted, record, scene
 

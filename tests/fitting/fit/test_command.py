@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.fitting.fit.errors import FitError
-from hertzloop.fitting.fit.expected_record import expected_record
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import FitError, RecordError
+from hertzloop.fitting.fit.check import expected_record
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
 from hertzloop.scene.toml import to_toml
@@ -191,7 +190,7 @@ def test_an_expected_record_that_no_instrument_makes_is_refused(text):
 
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path):
-    from hertzloop.fitting.fit.reports.fitted_scene import fitted_scene
+    from hertzloop.fitting.fit.fit_output import fitted_scene
     from hertzloop.studies.cases.uncertain_file import read_uncertain
 
     found = fitted(scene(), record(scene()), RADIUS, HEIGHT)

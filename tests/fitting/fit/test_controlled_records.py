@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.fitting.errors import FitError, RecordError
 from hertzloop.fitting.fit.check import check
-from hertzloop.fitting.fit.errors import FitError
 from hertzloop.fitting.fit.fit import fit
-from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
-from hertzloop.fitting.fit.reports.fit_text import sentences
-from hertzloop.fitting.fit.results import FitResult
-from hertzloop.fitting.fit.simulation.loop_simulator import LoopSimulator
-from hertzloop.fitting.fit.verdicts import KeyVerdict, ModelVerdict
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.fit.fit_text import sentences
+from hertzloop.fitting.fit.free_keys import parse_free_key
+from hertzloop.fitting.fit.impact_simulator import LoopSimulator
+from hertzloop.fitting.fit.results import FitResult, KeyVerdict, ModelVerdict
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup, load

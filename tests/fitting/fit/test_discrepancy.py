@@ -8,16 +8,16 @@ import pytest
 import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.fitting.fit.channels.discrepancy import Discrepancy, build_discrepancy
-from hertzloop.fitting.fit.fit import fit
-from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
-from hertzloop.fitting.fit.reports.fit_text import sentences
-from hertzloop.fitting.fit.solver.discrepancy_estimate import (
+from hertzloop.fitting.errors import RecordError
+from hertzloop.fitting.fit.discrepancy import Discrepancy, build_discrepancy
+from hertzloop.fitting.fit.discrepancy_estimate import (
     RecordLikelihood,
     estimate_discrepancies,
 )
-from hertzloop.fitting.fit.verdicts import KeyVerdict
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.fit.fit import fit
+from hertzloop.fitting.fit.fit_text import sentences
+from hertzloop.fitting.fit.free_keys import parse_free_key
+from hertzloop.fitting.fit.results import KeyVerdict
 from hertzloop.fitting.records.measurement import Measurement, parse_record_table
 from hertzloop.scene.setup import load
 from tests.fitting.fitting import (

@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from hertzloop.fitting.fit.errors import FitError
-from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import FitError, RecordError
+from hertzloop.fitting.fit.free_keys import parse_free_key
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.scene.setup import Setup, load
 from tests.fitting.fitting import HEIGHT, PRESSURE, RADIUS, fitted, record, scene

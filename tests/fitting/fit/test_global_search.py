@@ -2,9 +2,9 @@
 
 import math
 
-from hertzloop.fitting.fit.keys.free_key_option import parse_free_key
-from hertzloop.fitting.fit.problem.problem_preparation import prepare_problem
-from hertzloop.fitting.fit.solver.global_search import best_start
+from hertzloop.fitting.fit.free_keys import parse_free_key
+from hertzloop.fitting.fit.minimise import best_start
+from hertzloop.fitting.fit.problem_preparation import prepare_problem
 from tests.fitting.fitting import HEIGHT, PRESSURE, YIELDS, record, scene
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.fitting.fit.problem.problem_preparation import prepare_problem
-from hertzloop.fitting.fit.verdicts import ModelVerdict
+from hertzloop.fitting.fit.problem_preparation import prepare_problem
+from hertzloop.fitting.fit.results import ModelVerdict
 from tests.fitting.fitting import THICKNESS, YIELDS, fitted, scene
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 
-from hertzloop.fitting.fit.verdicts import ModelVerdict
+from hertzloop.fitting.fit.results import ModelVerdict
 from hertzloop.fitting.records.record import Record
 from tests.fitting.fit.drops import BALLS, PLATES, Drop, scene_of
 from tests.fitting.fitting import (

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import scipy
 
-from hertzloop.fitting.fit.simulation.impact_simulator import ImpactSimulator
-from hertzloop.fitting.fit.simulation.measuring_chain import MeasuringChain
-from hertzloop.fitting.fit.simulation.observed_signal import observe
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import RecordError
+from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
+from hertzloop.fitting.fit.observed_signal import MeasuringChain, observe
 from hertzloop.fitting.records.measurement import parse_record_table
 from hertzloop.loop.simulate import simulate
 from tests.fitting.fitting import scene

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import RecordError
 from hertzloop.fitting.records.reading import read_record, read_records
 from tests.commands import as_options, invoke
 from tests.fitting.fitting import RADIUS, fitted, scene

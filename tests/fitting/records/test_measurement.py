@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hertzloop
-from hertzloop.fitting.records.errors import RecordError
+from hertzloop.fitting.errors import RecordError
 from hertzloop.fitting.records.measurement import parse_record_table
 from tests.fitting.fitting import RADIUS, record, scene, write_csv
 

@@ -1,1 +1,0 @@
-"""Scene keys that a fit varies, and what a key changes."""

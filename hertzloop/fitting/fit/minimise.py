@@ -1,0 +1,175 @@
+"""Minimise the squared residuals of a fit: its start, damped steps, and a lower minimum."""
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from hertzloop.fitting.fit.free_keys import PRESSURE_KEY, FreeKey, drop_values, values_for_record
+from hertzloop.fitting.fit.problem import FitProblem, Iterate
+from hertzloop.scene.errors import SceneError
+
+_MOST_PHASE = 0.1  # periods that a step changes a phase by
+_PRESSURES = (0.25, 0.45, 0.7)  # starts, over the elastic pressure, above which nothing yields
+# The search for a lower minimum goes along the direction that a shorter window tells least.
+_BROADER = 8.0  # least standard deviation of a shorter window, over that of the whole record
+_REACH_SD, _FARTHEST = 4.0, 0.4  # reach: deviations of the shorter window; logarithms of the keys
+_STEP_SD = 10.0  # step: standard deviations of the whole record
+_MOST_STEPS = 20  # on each side
+_MOST_MINIMA = 3  # minima that are followed
+_LOWER = 4.0  # least fall of chi-square
+
+
+def minimise(
+    problem: FitProblem,
+    x: np.ndarray,
+    until_s: float,
+    early: bool = False,
+    steps: int = 40,
+    tolerance: float = 1e-7,
+) -> Iterate:
+    """Minimise the squared residuals within the bounds by damped Gauss-Newton steps.
+
+    Args:
+        problem: what is fitted.
+        x: where to start.
+        until_s: end of the window after the touch, s.
+        early: whether weak priors hold the keys near their start.
+        steps: most steps.
+        tolerance: relative fall of chi-square that ends it.
+
+    Returns:
+        The best point found, with its Jacobian.
+    """
+    low = np.full(len(x), -np.inf)
+    high = np.full(len(x), np.inf)
+    for j, f in enumerate(problem.varied_keys):
+        low[j], high[j] = math.log(f.low), math.log(f.high)
+    x = np.clip(x, low, high)
+    now = problem.evaluate(x, until_s, early)
+    damping = 1e-3
+    for _ in range(steps):
+        scale = np.sqrt(np.sum(now.jacobian**2, axis=0))
+        scale[scale == 0.0] = 1.0
+        gradient = now.jacobian.T @ now.residual
+        # Parameters that a bound holds do not take part.
+        held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
+        open_ = np.flatnonzero(~held)
+        j = now.jacobian[:, open_] / scale[open_]
+        improved = False
+        for _ in range(8):
+            big = np.concatenate([j, math.sqrt(damping) * np.eye(len(open_))])
+            wanted = np.concatenate([-now.residual, np.zeros(len(open_))])
+            move = np.linalg.lstsq(big, wanted, rcond=None)[0] / scale[open_]
+            new = x.copy()
+            new[open_] += _limit_step(problem, move, open_)
+            new = np.clip(new, low, high)
+            try:
+                tried = problem.evaluate(new, until_s, early, jacobian=False)
+            except SceneError:
+                damping *= 10.0
+                continue
+            # A touch beyond the record leaves no residual, but it explains nothing.
+            lost = tried.empty_channels > now.empty_channels
+            if tried.chi_square < now.chi_square and not lost:
+                improved = True
+                break
+            damping = max(damping * 6.0, 1e-6)
+        if not improved:
+            break
+        fall = now.chi_square - tried.chi_square
+        x = new
+        now = problem.evaluate(x, until_s, early)
+        damping = max(damping * 0.1, 1e-9)
+        if fall < tolerance * (1.0 + now.chi_square):
+            break
+    return now
+
+
+def _limit_step(problem: FitProblem, move: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """A step that changes no key by more than a third, and no phase by more than a tenth of its
+    period: beyond, derivatives mean little."""
+    for at, period in problem.phase_periods.items():
+        of_phase = places == at
+        move[of_phase] = np.clip(move[of_phase], -_MOST_PHASE * period, _MOST_PHASE * period)
+    keys = places < len(problem.varied_keys)
+    most = float(np.max(np.abs(move[keys]), initial=0.0))
+    return move * (0.3 / most) if most > 0.3 else move
+
+
+def best_start(problem: FitProblem) -> np.ndarray:
+    """Return the starting parameters, (parameters,).
+
+    Several values of a limiting pressure are tried, as its gradient is zero above the elastic
+    pressure of the impact.
+    """
+    x = problem.start_vector()
+    keys = [f.key for f in problem.varied_keys]
+    if PRESSURE_KEY not in keys:
+        return x
+    place = keys.index(PRESSURE_KEY)
+    f = problem.varied_keys[place]
+    pressure = _elastic_pressure(problem, f)
+    end = problem.windows_s()[0]
+    found = []
+    for share in _PRESSURES:
+        tried = x.copy()
+        tried[place] = math.log(min(max(share * pressure, 1.01 * f.low), 0.99 * f.high))
+        found.append(minimise(problem, tried, end, early=True, steps=12, tolerance=1e-2))
+    return min(found, key=lambda iterate: iterate.chi_square).x
+
+
+def search_lower_minimum(
+    problem: FitProblem, iterate: Iterate, shorter: Sequence[Iterate]
+) -> Iterate:
+    """Return the iterate, or one with a lower chi-square that a growing window missed.
+
+    Waves that come back from the edges repeat: shifted by a period, they fit almost as well, and
+    which of these minima a growing window comes to is chance.
+
+    Args:
+        problem: the fit.
+        iterate: solution of the whole records.
+        shorter: solutions of shorter windows, the shortest first.
+    """
+    keys, until_s = len(problem.varied_keys), iterate.until_s
+    known = np.linalg.pinv(iterate.covariance()[:keys, :keys])
+    for window in reversed(shorter):
+        covariance = problem.evaluate(iterate.x, window.until_s, early=True).covariance()
+        variances, directions = np.linalg.eigh(covariance[:keys, :keys])
+        direction, sd = directions[:, -1], math.sqrt(max(float(variances[-1]), 1e-30))
+        apart = 1.0 / math.sqrt(max(float(direction @ known @ direction), 1e-30))
+        if not sd > _BROADER * apart:
+            continue
+        axis = covariance[:, :keys] @ direction / sd  # of all parameters
+        reach = min(_REACH_SD, _FARTHEST / sd)
+        count = min(math.ceil(reach * sd / (_STEP_SD * apart)), _MOST_STEPS)
+        chi, trials = [], []
+        for t in np.linspace(-reach, reach, 2 * count + 1):
+            with suppress(SceneError):  # a value that the scene refuses
+                x = iterate.x + t * axis
+                chi.append(problem.evaluate(x, until_s, jacobian=False).chi_square)
+                trials.append(x)
+        minima = [i for i in range(1, len(chi) - 1) if chi[i] <= min(chi[i - 1], chi[i + 1])]
+        for i in sorted(minima, key=lambda i: chi[i])[:_MOST_MINIMA]:
+            found = minimise(problem, trials[i], until_s, steps=15, tolerance=1e-3)
+            if found.chi_square < iterate.chi_square - _LOWER:
+                iterate = found
+        break
+    return iterate
+
+
+def _elastic_pressure(problem: FitProblem, f: FreeKey) -> float:
+    """Return the pressure in the centre of an elastic contact at its largest force, Pa, in the
+    first record."""
+    simulator = problem.simulators[0]
+    starts = {g.key: g.start for g in problem.free}
+    values = drop_values(values_for_record(starts, problem.channels[0].record))
+    run = simulator.run(values | {f.key: 1e13}, 2.0 * simulator.contact_s)
+    force = float(np.max(run.force_n(run.time_s)))
+    bodies = simulator.setup.vary(values).mechanics
+    radius = bodies.sphere.radius_m
+    modulus = 0.75 * run.contact.stiffness / math.sqrt(radius)
+    a = (0.75 * force * radius / modulus) ** (1.0 / 3.0)
+    return 1.5 * force / (math.pi * a * a)

@@ -1,1 +1,0 @@
-"""The least-squares problem: parameters, priors, residuals and their derivatives."""

@@ -1,1 +1,0 @@
-"""A fit as text, JSON, picture and scene."""

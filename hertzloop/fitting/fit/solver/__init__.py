@@ -1,1 +1,0 @@
-"""Solve the problem: minimum, outliers, unknown noise and discrepancy, discrete keys."""

@@ -1,1 +1,0 @@
-"""What the records know of the keys: covariance, intervals, what to measure next."""
