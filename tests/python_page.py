@@ -52,6 +52,11 @@ ELSEWHERE = {
     "FitResult": "[JSON of a fit](fit-json.md)",
     "Estimate": "[JSON of a fit](fit-json.md)",
 }
+# Results whose attributes say what they are by their names; `help` explains them.
+RESULTS = (
+    "Impact", "ImpactNoise", "RunMetrics", "MetricRow", "UncertainValue", "Comparison",
+    "TuneResult", "Candidate", "MarginResult",
+)  # fmt: skip
 _SCENE = ("the scene, or its name or TOML file", "the scene with its law, or its name or TOML file")
 _PART = re.compile(r"^(Args|Attributes|Returns|Raises):$")
 _ITEM = re.compile(r"^(\w+): (.*)$")
@@ -88,10 +93,11 @@ def entry(named: Any) -> list[str]:
     heading = named.__name__ + (f"({_parameters(named)})" if is_function else "")
     lines = [f"### `{heading}`", "", _summary(named), ""]
     rows = _rows(named, parts)
-    if where := ELSEWHERE.get(named.__name__):
+    where = ELSEWHERE.get(named.__name__, "")
+    if where or named.__name__ in RESULTS:
         names = dict.fromkeys([*getattr(named, "__annotations__", ()), *rows])
         shown = ", ".join(f"`{name}`" for name in names if not name.startswith("_"))
-        lines += [f"Attributes: {shown}. See {where}.", ""]
+        lines += [f"Attributes: {shown}." + (f" See {where}." if where else ""), ""]
     elif isinstance(named, type) and issubclass(named, Enum):
         lines += [f"{', '.join(f'`{name}` {value}' for name, value in rows.items())}.", ""]
     elif rows:

@@ -56,8 +56,7 @@ SHORTER = {
 }
 # What a page says that the reader has.
 HAS = {
-    "docs/how-to/budget.md": "hertzloop law new mine.py --with-check && "
-    "printf 'latency_us\\n3\\n4\\n3\\n5\\n' > scope.csv",
+    "docs/how-to/budget.md": "hertzloop law new mine.py --with-check",
     "docs/how-to/recordings.md": "hertzloop run aluminium-3mm --out A.mcap && "
     "hertzloop run aluminium-3mm --set controller.latency_us=1 --out B.mcap",
     "docs/how-to/own-loop.md": f"cp {EXAMPLES}/the_loop.py {EXAMPLES}/gym_env.py .",

@@ -5,7 +5,7 @@ import inspect
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise
+from itertools import groupby, pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
@@ -142,20 +142,23 @@ def _kinds(kind: Any) -> Iterator[str]:
 
 
 def page() -> str:
-    """The keys as a page in Markdown."""
+    """The keys as a page in Markdown, by table; `hertzloop fit` writes those of `[fit]`."""
     lines = [
         "# Scene keys",
         "",
-        "`hertzloop scene keys --markdown` prints this page. The word before the dot is the table.",
-        "`hertzloop scene keys --law mine.py` lists the keys of your own law.",
-        "",
-        "| key | value | unit | default | means |",
-        "|---|---|---|---|---|",
+        "The word before the dot is the table. `hertzloop scene keys` prints these keys, and",
+        "with `--law mine.py` those of your own law. `hertzloop fit` writes the table `[fit]`.",
     ]
-    for key in keys():
-        lines.append(
-            f"| `{key.name}` | {value_of(key)} | {key.unit} | {key.default} | {key.meaning} |"
-        )
+    for table, of_table in groupby(keys(), lambda key: key.name.rpartition(".")[0]):
+        if table == "fit":
+            continue
+        lines += ["", f"## `[{table}]`", ""] if table else [""]
+        lines += ["| key | value | default | means |", "|---|---|---|---|"]
+        for key in of_table:
+            unit = f"{' ' if key.bounds else ', '}{key.unit}" if key.unit else ""
+            lines.append(
+                f"| `{key.name}` | {value_of(key)}{unit} | {key.default} | {key.meaning} |"
+            )
     return "\n".join(lines) + "\n"
 
 
