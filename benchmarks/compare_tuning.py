@@ -157,13 +157,15 @@ def main(
     """
     with results_in(out_dir, "compare-tuning", json_file=json_file) as results:
         need("pymoo", "optuna")
-        generations, seeds = (3, _SEEDS[:1]) if quick else (TuneRequest.generations, _SEEDS)
+        generations, seeds = (3, _SEEDS[:1]) if quick else (TuneRequest().generations, _SEEDS)
         tasks = []
         for scene in _SCENES[:1] if quick else _SCENES:
             setup = load(scene)
             compile_first(setup)
             for count in (1, 2):
-                search = TuneRequest([_LAW], minimise=_OBJECTIVES[:count], generations=generations)
+                search = TuneRequest(
+                    laws=[_LAW], minimise=_OBJECTIVES[:count], generations=generations
+                )
                 tasks.append(Task(scene, setup, search))
         found: list[Comparison] = []
         for task in tracked("searches", tasks):
@@ -173,7 +175,7 @@ def main(
                 outcomes.append(searched(task._replace(search=search), seed))
             found += compared(task, outcomes)
         results.write("tuning", found)
-        trials = generations * TuneRequest.population
+        trials = generations * TuneRequest().population
         for count, title in ((1, "least plate energy, dB"), (2, "dominated area, %")):
             results.table(
                 f"{title}: {trials} trials, {len(seeds)} seeds",

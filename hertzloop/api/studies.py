@@ -1,7 +1,6 @@
 """Studies for scripts: modes, sweeps, tuning, budgets, margins and the linear response."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from hertzloop.api.parameters import with_parameter_names
@@ -73,7 +72,7 @@ def sweep(
     views = labelled_arrays()  # before the work, since a package may be missing
     if not isinstance(request, SweepRequest):
         request = SweepRequest(over=request)
-    request = replace(request, **options)
+    request = request.replaced(**options)
     plan = plan_sweep(resolved(scene), request)
     result = run_sweep(plan)
     header = {"scene": plan.setup.scene.name, "span": request.span}
@@ -106,7 +105,7 @@ def tune(
     from hertzloop.studies.tune.tune import tune as search_settings
 
     scenes = [scene] if isinstance(scene, AnyScene) else scene
-    request = replace(request or TuneRequest(), **options)
+    request = (request or TuneRequest()).replaced(**options)
     return search_settings(plan_tune([resolved(one) for one in scenes], request))
 
 
@@ -133,7 +132,7 @@ def budget(
     from hertzloop.studies.budget.plan import plan_budget
     from hertzloop.studies.budget.request import BudgetRequest
 
-    request = replace(request or BudgetRequest(), **options)
+    request = (request or BudgetRequest()).replaced(**options)
     return search_budget(plan_budget(resolved(scene), request))
 
 

@@ -2,17 +2,24 @@
 
 import time
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
-from hertzloop.cli import options, outputs, prepare
+from hertzloop.cli import outputs, prepare
 from hertzloop.cli.budget_text import (
     print_budget,
     print_probability,
     trace_line,
 )
 from hertzloop.cli.many_cases import end_if_failed, resumable
+from hertzloop.cli.options import (
+    JsonOption,
+    SceneArgument,
+    SeedOption,
+    SetOption,
+    options_of,
+)
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import out, progress
 from hertzloop.cli.unused_options import check_only_used
@@ -24,93 +31,30 @@ from hertzloop.studies.budget.result import BudgetResult
 from hertzloop.studies.pages.commands import run_command
 from hertzloop.warmup import CASES
 
-_UNCERTAIN = "Probability of the goal"  # heading of options
 
-GoalOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--goal",
-        help="Require this at every touch phase, for example 'plate_energy_db <= -3'; repeatable; "
-        "default: plate_energy_db <= -0.1.",
-    ),
-]
-QuickOption = Annotated[
-    bool, typer.Option("--quick", help="Search coarsely, with a thin plate as the real one.")
-]
-OnlyOption = Annotated[
-    list[str] | None,
-    typer.Option(help="Search this quantity, for example latency_us; repeatable."),
-]
-RealPlantOption = Annotated[
-    bool, typer.Option("--real-plant/--no-real-plant", help="Search in the real plant too.")
-]
-BudgetSpanOption = Annotated[
-    Literal["impact", "run", "both"],
-    typer.Option(help="Take metrics of the first impact, or of the whole run, or of each."),
-]
-WorkersOption = Annotated[
-    int | None, typer.Option(min=1, help="Use this many processes; default: one for each core.")
-]
-WithinOption = Annotated[
-    float,
-    typer.Option(
-        min=1e-4,
-        max=0.5,
-        help="Stop drawing at this half width of the interval.",
-        rich_help_panel=_UNCERTAIN,
-    ),
-]
-MostCasesOption = Annotated[
-    int,
-    typer.Option(
-        min=16,
-        max=1_000_000,
-        help="Stop drawing after this many cases.",
-        rich_help_panel=_UNCERTAIN,
-    ),
-]
-LawOption = Annotated[
-    str | None, typer.Option(help="Use this law, by name or file; default: the law of the scene.")
-]
-TraceOption = Annotated[
-    Path | None,
-    typer.Option(
-        help="Use the latencies of this CSV file or recording of a paced run, sample by sample."
-    ),
-]
-UncertainOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--uncertain",
-        help="Compute the probability of the goal for the distributions in this TOML file, or in "
-        "the tables \\[uncertain] and \\[fit] of this scene.",
-        rich_help_panel=_UNCERTAIN,
-    ),
-]
-CheckOption = Annotated[
-    Path | None,
-    typer.Option("--check", help="Check the requirements in this file instead of searching."),
-]
-
-
+@options_of(BudgetRequest)
 def budget(
     context: typer.Context,
-    goals: GoalOption = None,
-    quick: QuickOption = False,
-    only: OnlyOption = None,
-    with_real: RealPlantOption = True,
-    span: BudgetSpanOption = "impact",
-    workers: WorkersOption = None,
-    within: WithinOption = BudgetRequest.within,
-    most_cases: MostCasesOption = BudgetRequest.most_cases,
-    scene: options.SceneArgument = DEFAULT,
-    law: LawOption = None,
-    settings: options.SetOption = None,
-    seed: options.SeedOption = None,
-    trace: TraceOption = None,
-    uncertain_file: UncertainOption = None,
-    requirements: CheckOption = None,
-    json_file: options.JsonOption = None,
+    *,
+    options: BudgetRequest,
+    scene: SceneArgument = DEFAULT,
+    law: Annotated[
+        str | None,
+        typer.Option(help="Use this law, by name or file; default: the law of the scene."),
+    ] = None,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    trace: Annotated[
+        Path | None,
+        typer.Option(
+            help="Use the latencies of this CSV file or recording of a paced run, sample by sample."
+        ),
+    ] = None,
+    requirements: Annotated[
+        Path | None,
+        typer.Option("--check", help="Check the requirements in this file instead of searching."),
+    ] = None,
+    json_file: JsonOption = None,
 ) -> None:
     """Find how much latency and how few bits a law tolerates.
 
@@ -121,24 +65,13 @@ def budget(
     if requirements is not None:
         used = {"requirements", "workers", "json_file"}
         check_only_used(context, used, "with --check, as the file says what is simulated")
-    request = BudgetRequest(
-        goals=goals or (),
-        quick=quick,
-        only=only or (),
-        with_real=with_real,
-        span=span,
-        workers=workers,
-        uncertain=uncertain_file,
-        within=within,
-        most_cases=most_cases,
-    )
     outputs.check_json(json_file)
     if requirements is not None:
-        check_requirements(requirements, workers, json_file)
+        check_requirements(requirements, options.workers, json_file)
         return
     changes = _changes(settings or [], law, trace)
     setup = prepare.scene_from(scene, changes, seed)
-    plan = plan_budget(setup, request)
+    plan = plan_budget(setup, options)
     outputs.check_writable(Path())  # for unfinished work
     prepare.compile_first(setup, works=CASES)
     began_s = time.perf_counter()

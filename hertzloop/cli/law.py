@@ -165,7 +165,6 @@ def _difference(found: "ForceComparison", name: str) -> str:
 
 @run_options("name", "timeout_s", "controller")
 def controller_test(
-    options: RunOptions,
     law: Annotated[
         str | None, typer.Option(help="Require the forces of this law, byte for byte.")
     ] = None,
@@ -179,6 +178,8 @@ def controller_test(
             "ones if CMD has {listen}, else those from 7450 on.",
         ),
     ] = None,
+    *,
+    options: RunOptions,
 ) -> None:
     """Test your own controller program in short runs.
 

@@ -46,11 +46,12 @@ _PORT = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]+)(?:[?#]|$)
 @run_options_of(PLANT)
 @bus_address
 def plant(
-    options: RunOptions,
-    asked: BusAddress,
     scene: SceneArgument = DEFAULT,
     settings: SetOption = None,
     seed: SeedOption = None,
+    *,
+    asked: BusAddress,
+    options: RunOptions,
 ) -> None:
     """Run the plant as a separate process.
 
@@ -74,12 +75,13 @@ def plant(
 @run_options_of(CONTROLLER)
 @bus_address
 def controller(
-    options: RunOptions,
-    asked: BusAddress,
     law: Annotated[
         str | None,
         typer.Option(help="Load the law from this file; default: controller.law of the scene."),
     ] = None,
+    *,
+    asked: BusAddress,
+    options: RunOptions,
 ) -> None:
     """Run the controller as a separate process.
 
@@ -96,11 +98,12 @@ def controller(
 @run_options_of(RECORDER)
 @bus_address
 def recorder(
-    options: RunOptions,
-    asked: BusAddress,
     out_file: Annotated[Path, typer.Option("--out", "-o", help="Recording to write.")] = Path(
         "run.mcap"
     ),
+    *,
+    asked: BusAddress,
+    options: RunOptions,
 ) -> None:
     """Run the recorder as a separate process.
 

@@ -1,14 +1,15 @@
 """Options that several commands have, declared once for their signatures."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
+from pydantic.fields import FieldInfo
 
-from hertzloop.loop.run_options import USES, RunOptions, flag_of
+from hertzloop.loop.run_options import USES, Options, RunOptions, Use
 from hertzloop.processes.program import BUS_NAME
 from hertzloop.processes.roles import BusAddress
 
@@ -19,9 +20,6 @@ SetOption = Annotated[
 ]
 SeedOption = Annotated[
     int | None, typer.Option(help="Set the random seed; default: run.seed of the scene.")
-]
-SpanOption = Annotated[
-    Literal["impact", "run"], typer.Option(help="Evaluate the first impact or the whole run.")
 ]
 
 # Input and output.
@@ -37,7 +35,6 @@ JsonOption = Annotated[
 DetailsOption = Annotated[
     bool, typer.Option("--details", help="Print all tables, metrics and warnings.")
 ]
-EXPERT = "Expert options"  # heading of those that few runs need
 
 # Where one process of a run meets the others: the fields of a BusAddress.
 ConnectOption = Annotated[list[str] | None, typer.Option(help="Connect to this endpoint.")]
@@ -63,13 +60,28 @@ Command = Callable[..., None]
 
 
 def run_options(*names: str, **defaults: Any) -> Callable[[Command], Command]:
-    """Give a command options of a run, which it gets as one argument `options: RunOptions`.
+    """Give a command options of a run; see `options_of`."""
+    return options_of(RunOptions, *names, **defaults)
+
+
+def options_of(
+    kind: type[Options], *names: str, but: Sequence[str] = (), **defaults: Any
+) -> Callable[[Command], Command]:
+    """Give a command options, which it gets as one argument `options` of this kind.
 
     Args:
-        names: Fields of `RunOptions`.
-        defaults: Defaults of these that the command alone has.
+        kind: The class of this argument.
+        names: Its fields that the command has as options; none: all with a description.
+        but: Fields that the command does not have.
+        defaults: Defaults that the command alone has.
     """
-    return _given("options", RunOptions, {name: _typer_option(name) for name in names}, defaults)
+    uses = kind.uses()
+    own = {
+        name: _typer_option(name, kind.model_fields[name], uses[name])
+        for name in names or uses
+        if name not in but
+    }
+    return _given("options", kind, own, defaults)
 
 
 def run_options_of(role: str) -> Callable[[Command], Command]:
@@ -83,19 +95,19 @@ def bus_address(command: Command) -> Command:
     return _given("asked", BusAddress, _OF_ADDRESS, {})(command)
 
 
-def _typer_option(name: str) -> Any:
-    """Return the annotation from which typer makes an option of a run."""
-    field, use = RunOptions.model_fields[name], USES[name]
-    kind: Any = field.annotation
+def _typer_option(name: str, field: FieldInfo, use: Use) -> Any:
+    """Return the annotation from which typer makes an option."""
+    several = isinstance(field.default, tuple | dict)
+    kind: Any = list[str] | None if several else field.annotation
     bounds: dict[str, Any] = {}
     for one in field.metadata:
         bounds |= {"min": one.ge} if hasattr(one, "ge") else {}
         bounds |= {"max": one.le} if hasattr(one, "le") else {}
     option = typer.Option(
-        flag_of(name),
-        help=field.description,
+        use.flag or f"--{name.replace('_', '-')}",
+        help=(field.description or "").replace("[", "\\["),
         metavar=use.metavar,
-        rich_help_panel=EXPERT if use.expert else None,
+        rich_help_panel=use.heading,
         **bounds,
     )
     return Annotated[kind, option]
@@ -121,16 +133,20 @@ def _given(
             given = {name: value for name, value in found.items() if value is not None}
             command(**values, **{argument: kind(**given)})
 
-        own = dict(signature(command).parameters)
-        del own[argument]
-        for name, annotation in options.items():
-            default = None if usual[name] == () else usual[name]  # typer makes lists of None
-            own[name] = Parameter(
-                name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation
-            )
-        parameters = [one.replace(kind=Parameter.KEYWORD_ONLY) for one in own.values()]
+        own: dict[str, Parameter] = {}
+        for one in signature(command).parameters.values():
+            if one.name != argument:
+                own[one.name] = one.replace(kind=Parameter.KEYWORD_ONLY)
+                continue
+            for name, annotation in options.items():
+                default = usual[name]
+                if isinstance(default, tuple | dict):
+                    default = list(default) or None  # typer makes lists of None
+                own[name] = Parameter(
+                    name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+                )
         changed: Any = called
-        changed.__signature__ = signature(command).replace(parameters=parameters)
+        changed.__signature__ = signature(command).replace(parameters=[*own.values()])
         changed.__annotations__ = {name: one.annotation for name, one in own.items()}
         return called
 

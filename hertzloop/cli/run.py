@@ -13,7 +13,6 @@ from rich.text import Text
 from hertzloop.bus.sockets import on_loopback
 from hertzloop.cli import outputs, prepare
 from hertzloop.cli.options import (
-    EXPERT,
     DetailsOption,
     JsonOption,
     SceneArgument,
@@ -24,7 +23,7 @@ from hertzloop.cli.options import (
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
 from hertzloop.cli.unused_options import check_unused
-from hertzloop.loop.run_options import USES, RunOptions, Transport, check_transport
+from hertzloop.loop.run_options import EXPERT, RunOptions, Transport, check_transport
 from hertzloop.processes.launcher import Launcher
 from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
 from hertzloop.processes.record import what_is_kept
@@ -44,10 +43,9 @@ _BYTES_A_STEP = 250  # of the run, the same without control, and a repetition
 _OF_PROCESSES = ("name", "port", "timeout_s", "shared_memory", "realtime")
 
 
-@run_options(*USES, realtime="auto")
+@run_options(realtime="auto")
 def run(
     context: typer.Context,
-    options: RunOptions,
     scene: SceneArgument = DEFAULT,
     out_file: Annotated[
         Path | None, typer.Option("--out", "-o", help="Write the recording to this file.")
@@ -68,6 +66,8 @@ def run(
         bool, typer.Option("--live", help="Show the run in a viewer while it is in progress.")
     ] = False,
     details: DetailsOption = False,
+    *,
+    options: RunOptions,
 ) -> None:
     """Run and record a scene, and compare it with the same run without control."""
     if options.transport is not Transport.ZENOH:

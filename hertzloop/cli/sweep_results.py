@@ -1,7 +1,7 @@
 """Results of the command `sweep`: on the screen, and as plain data."""
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,6 @@ from hertzloop.studies.cases.touch_phases import grouped
 from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.sweep import sweep as sweep_study
 from hertzloop.studies.sweep.plan import SweepPlan
-from hertzloop.studies.sweep.request import SweepRequest
 from hertzloop.studies.sweep.result import SweepResult, counted
 from hertzloop.views.format import unwrapped
 from hertzloop.views.verdict import spans_differ
@@ -34,45 +33,17 @@ _CONTACTS = 60.0  # contact times in which an impact is over
 _WORTH = 3.0  # ratio of times from which a hint is worth a line
 
 
-@dataclass(frozen=True)
-class SweepArguments:
-    """What `hertzloop sweep` was called with. `request`: which cases to run, and where."""
-
-    request: SweepRequest
-    scene: str
-    settings: list[str]
-    seed: int | None
-    out_file: Path | None
-    picture: Path | None
-    overwrite: bool
-    json_file: Path | None
-
-
-@dataclass(frozen=True)
-class SweepStudy:
-    """A sweep that can be run: its cases, its file, and the results that the file already has."""
-
-    plan: SweepPlan
-    results_file: Path
-    finished: SweepResult | None
-
-    @property
-    def total(self) -> int:
-        """Number of cases."""
-        return len(self.plan.cases)
-
-
 def count_without_metrics(results: SweepResult) -> int:
     """Return how many cases failed, or are unstable and have no metrics."""
     return len(results.without_result) + results.unstable
 
 
-def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
-    """Print what a sweep found, and return it as plain data."""
-    total, keys, rows = study.total, study.plan.design.keys, results.rows
-    request = study.plan.request
+def print_results(plan: SweepPlan, target: Path, results: SweepResult) -> dict[str, Any]:
+    """Print what a sweep found, whose results are in `target`, and return it as plain data."""
+    total, keys, rows = len(plan.cases), plan.design.keys, results.rows
+    request = plan.request
     for number in results.damaged:
-        journal = sweep_study.journal_of(study.results_file)
+        journal = sweep_study.journal_of(target)
         err.say(f"line {number} of {journal} was damaged. Its case was run again.")
     has_metrics = count_without_metrics(results) < total
     is_uncertain = request.uncertain is not None
@@ -81,9 +52,9 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
     if has_metrics:
         out.print(extremes_table(rows, keys))
     if not is_uncertain:
-        _print_best(study, results)
+        _print_best(plan, results)
     if is_uncertain and has_metrics:
-        out.print(quantiles_table(rows, [axis.key for axis in study.plan.design.axes]))
+        out.print(quantiles_table(rows, [axis.key for axis in plan.design.axes]))
     phased = TOUCH_PHASE_KEY in keys and request.design == "grid" and not is_uncertain
     shown = tuple(metrics_with_values(rows))
     over_phases = grouped(rows, keys, shown) if phased and shown else []
@@ -93,9 +64,9 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
     rate = results.ran / results.wall_s if results.wall_s else 0.0
     out.say(
         f"{results.ran} of {total} cases run in {results.wall_s:z.2f} s: {rate:z.0f} cases/s. "
-        f"Results: {study.results_file}"
+        f"Results: {target}"
     )
-    for hint in flight_lines(study.plan.setup, request.span, rows):
+    for hint in flight_lines(plan.setup, request.span, rows):
         out.say(hint)
     out_of_range = counted(rows, "out_of_range")
     _print_warnings(results, total, out_of_range)
@@ -114,20 +85,19 @@ def print_results(study: SweepStudy, results: SweepResult) -> dict[str, Any]:
             {key: asdict(value) if key in shown else value for key, value in group.items()}
             for group in over_phases
         ],
-        "results": str(study.results_file),
+        "results": str(target),
     }
 
 
-def draw_results(picture: Path, study: SweepStudy, results: SweepResult) -> None:
+def draw_results(picture: Path, plan: SweepPlan, results: SweepResult) -> None:
     """Draw the metrics of a sweep into a file; say so if no case has any."""
     from hertzloop.studies.pages import pictures  # of an extra, as the next
     from hertzloop.studies.sweep.chart import draw
 
-    if count_without_metrics(results) == study.total:
+    if count_without_metrics(results) == len(plan.cases):
         err.say(f"{picture}: not written, because no case has metrics.")
         return
-    design = study.plan.design
-    pictures.save(draw(results.rows, design.keys, design.kind), picture)
+    pictures.save(draw(results.rows, plan.design.keys, plan.design.kind), picture)
     out.say(f"Picture: {picture}")
 
 
@@ -149,17 +119,17 @@ def flight_lines(setup: Setup, span: Span, rows: Rows) -> list[str]:
     ]
 
 
-def _print_best(study: SweepStudy, results: SweepResult) -> None:
+def _print_best(plan: SweepPlan, results: SweepResult) -> None:
     """Say whether the case with the least plate energy looks different over the other span."""
-    request, rows = study.plan.request, with_metric(results.rows, "plate_energy_db")
+    request, rows = plan.request, with_metric(results.rows, "plate_energy_db")
     if not rows:
         return
     best, other_span = min(rows, key=lambda row: row["plate_energy_db"]), OTHER[request.span]
-    values = {key: best[key] for key in study.plan.design.keys}
+    values = {key: best[key] for key in plan.design.keys}
     try:
         # Two processes at most: a law that is not shipped may crash the one that runs it.
         with local_pool(min(request.workers or 2, 2)) as pool:
-            (other,) = evaluate(pool, study.plan.setup, other_span, [values])
+            (other,) = evaluate(pool, plan.setup, other_span, [values])
     except WorkersLost as error:
         err.say(f"The case with the least plate energy has no value over the other span: {error}.")
         return
@@ -169,7 +139,7 @@ def _print_best(study: SweepStudy, results: SweepResult) -> None:
         request.span,
         f"--span {other_span} sweeps the other.",
     ):
-        if not whole_run_known(study.plan.setup.vary(values)):
+        if not whole_run_known(plan.setup.vary(values)):
             sentence = "Later impacts are not predictable."
         out.say(f"At the least plate energy: {sentence}")
 

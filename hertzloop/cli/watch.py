@@ -28,13 +28,14 @@ if TYPE_CHECKING:
 
 @run_options("name", name=BUS_NAME)
 def watch(
-    options: RunOptions,
     connect: ConnectOption = None,
     machine: Annotated[bool, typer.Option("--machine", hidden=True)] = False,  # of `run --live`
     save: Annotated[
         Path | None, typer.Option(metavar="F.rrd", help="Write an .rrd file instead.")
     ] = None,
     overwrite: OverwriteOption = False,
+    *,
+    options: RunOptions,
 ) -> None:
     """Show a run in progress without delaying it.
 

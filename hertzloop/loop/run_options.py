@@ -1,9 +1,9 @@
-"""How to run a scene: each option once, for the command line, for Python and for the roles."""
+"""Options, each stated once for the command line and for Python; and those of a run."""
 
 import re
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -65,35 +65,71 @@ def check_transport(option: str, transport: Transport) -> None:
 
 
 class Use(NamedTuple):
-    """Where an option of a run is used, beside its value and its meaning.
+    """Where an option is used, beside its value and its meaning.
 
     Attributes:
         roles: Roles whose command `hertzloop node ROLE` has it.
         python: Whether it is a keyword of `hertzloop.run`.
         flag: Its spelling on the command line, if that is not its name.
         metavar: What stands for its value in the help.
-        expert: Whether few runs need it.
+        heading: Heading of the options below which the help has it.
     """
 
     roles: tuple[str, ...] = ()
     python: bool = False
     flag: str = ""
     metavar: str | None = None
-    expert: bool = False
+    heading: str | None = None
 
 
-class RunOptions(BaseModel):
-    """How to run a scene. Except for `pace`, nothing here changes a sample.
-
-    The options of `hertzloop run` and `hertzloop node` and the keywords of `hertzloop.run` are made
-    of these fields.
+class Options(BaseModel):
+    """Options of a command and keywords of Python, a field each with its description.
 
     Raises:
-        OptionError: A value is out of its range, the name cannot be part of a key on the bus, the
-            note cannot be recorded, or two options exclude each other.
+        OptionError: A value is not possible, or options exclude each other.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    def __init__(self, *values: Any, **given: Any) -> None:
+        given |= dict(zip(type(self).model_fields, values, strict=False))
+        if unknown := given.keys() - type(self).model_fields.keys():
+            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
+        for name, field in type(self).model_fields.items():
+            if isinstance(field.default, tuple):
+                check_list(name, given.get(name))
+        try:
+            super().__init__(**given)
+        except ValidationError as error:
+            raise OptionError(sentence(error, type(self))) from None
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        told = (f"        {name}: {cls.model_fields[name].description}" for name in cls.uses())
+        cls.__doc__ = f"{cls.__doc__}\n    Attributes:\n" + "\n".join(told) + "\n    "
+
+    @classmethod
+    def uses(cls) -> dict[str, Use]:
+        """Where each option is used that is described."""
+        return {
+            name: next((one for one in field.metadata if isinstance(one, Use)), Use())
+            for name, field in cls.model_fields.items()
+            if field.description
+        }
+
+    def replaced(self, **values: Any) -> Self:
+        """Return the options with other values, which are checked."""
+        return type(self)(**dict(self) | values)
+
+
+EXPERT = "Expert options"  # that few runs need
+WorkersOption = Annotated[
+    int | None, Field(ge=1, description="Use this many processes; default: one for each core.")
+]
+
+
+class RunOptions(Options):
+    """How to run a scene. Except for `pace`, nothing here changes a sample."""
 
     transport: Annotated[
         Transport,
@@ -114,13 +150,13 @@ class RunOptions(BaseModel):
             ge=1,
             description="Exchange data after at most this many steps; default: as the law allows.",
         ),
-        Use((PLANT,), python=True, expert=True),
+        Use((PLANT,), python=True, heading=EXPERT),
     ] = None
     endpoints: list[str] | None = None  # of plant, controller and recorder; None: private ones
     name: Annotated[
         str | None,
         Field(description="Set the name of the run on the bus."),
-        Use(ROLES, expert=True),
+        Use(ROLES, heading=EXPERT),
     ] = None
     timeout_s: Annotated[
         float,
@@ -129,7 +165,7 @@ class RunOptions(BaseModel):
             le=1_000_000,
             description="Stop waiting for a message of another process after this time, s.",
         ),
-        Use(ROLES, flag="--timeout", expert=True),
+        Use(ROLES, flag="--timeout", heading=EXPERT),
     ] = 5.0
     verify: Annotated[
         bool,
@@ -141,14 +177,14 @@ class RunOptions(BaseModel):
         Field(
             description="Exchange data between plant and controller on one host in shared memory."
         ),
-        Use((PLANT, CONTROLLER), flag="--shared-memory/--no-shared-memory", expert=True),
+        Use((PLANT, CONTROLLER), flag="--shared-memory/--no-shared-memory", heading=EXPERT),
     ] = True
     realtime: Annotated[
         Literal["auto", "on", "off"],
         Field(
             description="Use real-time scheduling; auto: where it is permitted and a core is idle."
         ),
-        Use(ROLES, expert=True),
+        Use(ROLES, heading=EXPERT),
     ] = "off"
     pace: Annotated[
         float | None,
@@ -173,19 +209,13 @@ class RunOptions(BaseModel):
             description="Start this command line as the controller; {name}, {listen} and {connect} "
             "in it are filled in."
         ),
-        Use(metavar="'CMD ...'", expert=True),
+        Use(metavar="'CMD ...'", heading=EXPERT),
     ] = None
     note: Annotated[
         str,
         Field(description="Write this note, one line, into the recording."),
         Use((RECORDER,), python=True, metavar="TEXT"),
     ] = ""
-
-    def __init__(self, **given: Any) -> None:
-        try:
-            super().__init__(**given)
-        except ValidationError as error:
-            raise OptionError(sentence(error, RunOptions)) from None
 
     @model_validator(mode="after")
     def _can_be_combined(self) -> "RunOptions":
@@ -204,17 +234,5 @@ class RunOptions(BaseModel):
         return self
 
 
-USES = {
-    name: use
-    for name, field in RunOptions.model_fields.items()
-    for use in field.metadata
-    if isinstance(use, Use)
-}
-
-
-def flag_of(option: str) -> str:
-    """Return the spelling of an option on the command line."""
-    return USES[option].flag or f"--{option.replace('_', '-')}"
-
-
+USES = RunOptions.uses()
 USUAL_RUN = RunOptions()

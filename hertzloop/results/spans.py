@@ -1,13 +1,16 @@
 """The part of a run that a study evaluates, and the simulation of as much as it needs."""
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from hertzloop.loop.impact_end import quiet_steps
 from hertzloop.loop.simulate import SimulatedRun, simulate
 from hertzloop.scene.setup import Setup
 
 Span = Literal["impact", "run"]
+SpanOption = Annotated[Span, Field(description="Evaluate the first impact or the whole run.")]
 # The other span, and both in words.
 OTHER: dict[Span, Span] = {"impact": "run", "run": "impact"}
 IN_WORDS: dict[Span, str] = {"impact": "in the first impact", "run": "over all contacts"}

@@ -64,7 +64,7 @@ def plan_budget(setup: Setup, request: BudgetRequest) -> BudgetPlan:
     uncertain = read_uncertain(request.uncertain, setup) if request.uncertain else None
     for option in ("within", "most_cases"):
         value = getattr(request, option)
-        if value != getattr(BudgetRequest, option) and not uncertain:
+        if value != BudgetRequest.model_fields[option].default and not uncertain:
             raise SceneError(
                 f"--{option.replace('_', '-')} = {value:g}: has no effect without --uncertain. "
                 "Remove it, or name a file of distributions."

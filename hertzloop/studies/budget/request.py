@@ -1,47 +1,65 @@
 """What `hertzloop budget` and `hertzloop.budget` ask for."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
-from hertzloop.loop.run_options import check_list
+from pydantic import Field
+
+from hertzloop.loop.run_options import Options, Use, WorkersOption
 from hertzloop.results.spans import Span
 
+_UNCERTAIN = "Probability of the goal"  # heading of options
 
-@dataclass(frozen=True)
-class BudgetRequest:
-    """What to search for the budget of a law, and how finely.
 
-    Attributes:
-        goals: Conditions as text that the law must meet at every touch phase, for example
-            "plate_energy_db <= -3"; none: plate_energy_db <= -0.1.
-        quick: Whether the search is coarse, with a thin plate as the real one.
-        only: Quantities to search; all if empty.
-        with_real: Whether the real plant is searched too.
-        span: Part of the run that is evaluated, or both.
-        workers: Number of processes; None: one for each core.
-        uncertain: File or scene with distributions, for the probability that the goals are met.
-        within: Half the width at which the interval of the probability is narrow enough.
-        most_cases: Largest number of cases drawn for the probability.
-    """
+class BudgetRequest(Options):
+    """What to search for the budget of a law, and how finely."""
 
-    goals: Sequence[str] = ()
-    quick: bool = False
-    only: Sequence[str] = ()
-    with_real: bool = True
-    span: Literal["impact", "run", "both"] = "impact"
-    workers: int | None = None
-    uncertain: Path | None = None
-    within: float = 0.03
-    most_cases: int = 4096
+    goals: Annotated[
+        Sequence[str],
+        Field(
+            description="Require this at every touch phase, for example 'plate_energy_db <= -3'; "
+            "repeatable; default: plate_energy_db <= -0.1."
+        ),
+        Use(flag="--goal"),
+    ] = ()
+    quick: Annotated[
+        bool, Field(description="Search coarsely, with a thin plate as the real one.")
+    ] = False
+    only: Annotated[
+        Sequence[str],
+        Field(description="Search this quantity, for example latency_us; repeatable."),
+    ] = ()
+    with_real: Annotated[
+        bool,
+        Field(description="Search in the real plant too."),
+        Use(flag="--real-plant/--no-real-plant"),
+    ] = True
+    span: Annotated[
+        Literal["impact", "run", "both"],
+        Field(description="Take metrics of the first impact, or of the whole run, or of each."),
+    ] = "impact"
+    workers: WorkersOption = None
+    uncertain: Annotated[
+        Path | None,
+        Field(
+            description="Compute the probability of the goal for the distributions in this TOML "
+            "file, or in the tables [uncertain] and [fit] of this scene."
+        ),
+        Use(heading=_UNCERTAIN),
+    ] = None
+    within: Annotated[
+        float,
+        Field(ge=1e-4, le=0.5, description="Stop drawing at this half width of the interval."),
+        Use(heading=_UNCERTAIN),
+    ] = 0.03
+    most_cases: Annotated[
+        int,
+        Field(ge=16, le=1_000_000, description="Stop drawing after this many cases."),
+        Use(heading=_UNCERTAIN),
+    ] = 4096
 
     @property
     def first_span(self) -> Span:
         """The span whose metrics come first."""
         return "impact" if self.span == "both" else self.span
-
-    def __post_init__(self) -> None:
-        """Raise OptionError for text in place of a list."""
-        check_list("goals", self.goals)
-        check_list("only", self.only)

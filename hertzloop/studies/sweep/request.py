@@ -1,44 +1,58 @@
 """What `hertzloop sweep` and `hertzloop.sweep` ask for."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from hertzloop.loop.run_options import check_list
-from hertzloop.results.spans import Span
+from pydantic import Field, SkipValidation
+
+from hertzloop.loop.run_options import Options, WorkersOption
+from hertzloop.results.spans import SpanOption
 from hertzloop.studies.cases.axis import Range
 from hertzloop.studies.cases.design import DesignKind
 
 
-@dataclass(frozen=True)
-class SweepRequest:
+class SweepRequest(Options):
     """Which cases of a scene to run, and where.
 
-    Attributes:
-        over: Ranges by scene key: a list of values, "low:high:step", or "low:high" for spread
-            points; or texts such as "sensors.bits=8,12".
-        design: "grid" for all combinations of the ranges; "lhs" or "sobol" for points spread over
-            them.
-        cases: Number of spread points, or of draws; None: 256.
-        span: Part of a run that is evaluated: the first impact or the whole run.
-        workers: Number of processes; None: one for each core.
-        phases: Number of touch phases of every case; None: that of the scene alone.
-        uncertain: File or scene with distributions that every case draws from.
-        dask: Address of a Dask scheduler that runs the cases.
+    In Python `over` may also map scene keys to lists of values, or to ranges "low:high:step".
     """
 
-    over: Mapping[str, Range] | Sequence[str] = ()
-    design: DesignKind = "grid"
-    cases: int | None = None
-    span: Span = "impact"
-    workers: int | None = None
-    phases: int | None = None
-    uncertain: Path | None = None
-    dask: str | None = None
-
-    def __post_init__(self) -> None:
-        """Raise OptionError for text in place of a list."""
-        check_list("over", self.over)
+    over: Annotated[
+        SkipValidation[Mapping[str, Range] | Sequence[str]],
+        Field(
+            description="Vary a scene key: key=low:high:step, key=a,b,c, or key=low:high for "
+            "spread points; repeatable."
+        ),
+    ] = ()
+    design: Annotated[
+        DesignKind,
+        Field(description="Run all combinations, or points spread over the ranges (lhs, sobol)."),
+    ] = "grid"
+    cases: Annotated[
+        int | None, Field(ge=1, description="Run this many spread points; default: 256.")
+    ] = None
+    span: SpanOption = "impact"
+    workers: WorkersOption = None
+    phases: Annotated[
+        int | None,
+        Field(
+            ge=2,
+            le=1000,
+            description="Run every case at this many touch phases; print mean and range.",
+        ),
+    ] = None
+    uncertain: Annotated[
+        Path | None,
+        Field(
+            description="Run every case with --cases draws from the distributions in this TOML "
+            "file, or in the tables [uncertain] and [fit] of this scene."
+        ),
+    ] = None
+    dask: Annotated[
+        str | None,
+        Field(description="Use the Dask scheduler at this address, for example tcp://host:8786."),
+    ] = None
 
     @property
     def points(self) -> int:

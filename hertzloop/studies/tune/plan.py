@@ -28,7 +28,7 @@ LAWS = (
     "velocity_feedback",
     "acceleration_feedback",
 )
-_NOT_OF_CASES = ("laws", "vary", "over", "workers")  # not what decides the cases, or named apart
+_NOT_OF_CASES = {"laws", "vary", "over", "workers"}  # not what decides the cases, or named apart
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class TunePlan:
     @property
     def identity(self) -> dict[str, Any]:
         """Everything that decides the cases."""
-        request = {k: v for k, v in asdict(self.request).items() if k not in _NOT_OF_CASES}
+        request = self.request.model_dump(exclude=_NOT_OF_CASES)
         axes = {law: [asdict(axis) for axis in axes] for law, axes in self.axes.items()}
         varied = Design(tuple(axis for axes in self.axes.values() for axis in axes))
         return work_of(self.variants, self.axes, varied) | {"axes": axes, "search": request}

@@ -1,48 +1,85 @@
 """What `hertzloop tune` and `hertzloop.tune` ask for."""
 
+import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from typing import Annotated
 
-from hertzloop.loop.run_options import check_list
-from hertzloop.results.spans import Span
+from pydantic import Field, SkipValidation, field_validator
+
+from hertzloop.loop.run_options import Options, Use, WorkersOption
+from hertzloop.results.spans import SpanOption
 from hertzloop.studies.cases.axis import Range
 
 
-@dataclass(frozen=True)
-class TuneRequest:
+class TuneRequest(Options):
     """A search for the best settings of laws.
 
-    Attributes:
-        laws: Names or files of the laws; none: the law of the first scene; "all" alone: all laws
-            of `LAWS`.
-        vary: Ranges to search, by scene key or as texts such as "controller.kappa=0:1"; none: the
-            usual ranges of each law.
-        over: Values that the settings have to be robust over, by scene key or as texts.
-        minimise: Metrics to minimise; several give a Pareto front.
-        at_most: Largest allowed values, by metric.
-        span: Part of the run that is evaluated: the first impact or the whole run.
-        generations: Number of generations of the search.
-        population: Number of settings in a generation.
-        phases: Number of touch phases to average over.
-        seed: Random seed of the search.
-        require_stable: Whether settings whose linear loop is unstable in flight are refused.
-        workers: Number of processes; None: one for each core.
+    In Python `vary` and `over` may also map scene keys to ranges, and `at_most` metrics to numbers.
     """
 
-    laws: Sequence[str] = ()
-    vary: Mapping[str, Range] | Sequence[str] = ()
-    over: Mapping[str, Range] | Sequence[str] = ()
-    minimise: Sequence[str] = ("plate_energy_db", "rebound_percent")
-    at_most: Mapping[str, float] = field(default_factory=dict)
-    span: Span = "impact"
-    generations: int = 25
-    population: int = 40
-    phases: int = 1
-    seed: int = 1
-    require_stable: bool = False
-    workers: int | None = None
+    laws: Annotated[
+        Sequence[str],
+        Field(description="Tune this law, or all; repeatable; default: the law of the scene."),
+        Use(flag="--law"),
+    ] = ()
+    vary: Annotated[
+        SkipValidation[Mapping[str, Range] | Sequence[str]],
+        Field(
+            description="Search a scene key over key=low:high or key=a,b,c; default: the ranges of "
+            "the law."
+        ),
+    ] = ()
+    over: Annotated[
+        SkipValidation[Mapping[str, Range] | Sequence[str]],
+        Field(
+            description="Require robustness over these values, for example "
+            "sphere.radius_m=0.002,0.004."
+        ),
+    ] = ()
+    minimise: Annotated[
+        Sequence[str], Field(description="Minimise this metric; repeat for a Pareto front.")
+    ] = ("plate_energy_db", "rebound_percent")
+    at_most: Annotated[
+        Mapping[str, float],
+        Field(description="Limit a metric, for example rebound_percent=120."),
+    ] = {}
+    span: SpanOption = "impact"
+    generations: Annotated[
+        int, Field(ge=1, le=10_000, description="Stop after this many generations.")
+    ] = 25
+    population: Annotated[
+        int, Field(ge=4, le=1000, description="Evaluate this many settings in a generation.")
+    ] = 40
+    phases: Annotated[
+        int, Field(ge=1, le=100, description="Average over this many touch phases.")
+    ] = 1
+    seed: Annotated[int, Field(description="Set the random seed of the search.")] = 1
+    require_stable: Annotated[
+        bool,
+        Field(
+            description="Refuse settings whose linear loop is unstable in flight, however short "
+            "the run."
+        ),
+    ] = False
+    workers: WorkersOption = None
 
-    def __post_init__(self) -> None:
-        """Raise OptionError for text in place of a list."""
-        for name in ("laws", "vary", "over", "minimise"):
-            check_list(name, getattr(self, name))
+    @field_validator("at_most", mode="before")
+    @classmethod
+    def _limits(cls, given: object) -> object:
+        """Read limits that are texts, as on the command line."""
+        if not isinstance(given, list | tuple):
+            return given
+        limits = {}
+        for text in given:
+            match = re.fullmatch(r"\s*(\w+)\s*=\s*(\S+)\s*", text)
+            with suppress(ValueError):
+                if match and math.isfinite(float(match[2])):
+                    limits[match[1]] = float(match[2])
+                    continue
+            raise ValueError(
+                f"--at-most = '{text}': invalid limit. Write metric=number, as in "
+                "rebound_percent=120."
+            )
+        return limits
