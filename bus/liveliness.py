@@ -107,7 +107,8 @@ class Liveliness:
         A role that announced its end has said why. zenoh sends tokens before messages that wait,
         and each link has its own pace. So the final message may come after its role has left: for a
         moment nobody is missed while another role could still say why. Once the recorder has
-        confirmed its completion nobody is missed: it has heard all final messages.
+        confirmed its completion nobody is missed: it has heard all final messages. If the
+        controller is killed, plant and recorder each wait `_EXPLAIN_S` for a word of the other.
         """
         if not self._left_s or RECORDER in self._complete:
             return []

@@ -21,15 +21,18 @@ MAGIC, VERSION, RUN_ID, SLOTS, STEPS, EVERY_STEPS, JOINED, CLOSED = range(8)
 ANSWERS_TAKEN, SAMPLE_RING = 16, 32
 SAMPLE_WORDS, ANSWER_WORDS = 2, 4
 # What one end counts for itself. FORCES_PUT: steps whose force the controller has put into the
-# ring, SAMPLES_PUT: samples that it has answered there.
-# TRIGGERED: samples that the controller had answered when it last answered one without a promise.
+# ring, SAMPLES_ANSWERED: samples that it has answered there.
+# LAST_WITHOUT_GRANT: samples that the controller had answered when it last answered one without a
+# trigger level.
 # WAITS, WAITED_NS: how often, and about how long, this end has waited for the other.
-OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_PUT, TRIGGERED, WAITS, WAITED_NS = range(9)
+OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_ANSWERED, LAST_WITHOUT_GRANT, WAITS, WAITED_NS = range(
+    9
+)
 OWN_COUNTS = 9
 _TIME_EVERY = 8  # waits, of which one is timed: a clock is as slow as a short wait
 # No ints: Numba would compile `_wait_slowly` once for each value.
 _SLEEP_US, _AT_ONCE = np.int64(50), np.int64(0)
-_REST_AFTER = 1000  # samples under a promise: what a rest may delay is less than what they took
+_REST_AFTER = 1000  # samples under a trigger level; they took longer than a rest may delay
 
 
 class Ring(NamedTuple):
@@ -112,7 +115,7 @@ def wait_for_sample(ring, i):
     """Wait for sample `i`; False if it did not come in time. Where the plant has been running ahead
     under a promise for a while, it does not wait for the answer, and the core is left to others."""
     at = _sample_slot(ring, i)
-    if ring.rest_us == 0 or i - ring.own[TRIGGERED] < _REST_AFTER:
+    if ring.rest_us == 0 or i - ring.own[LAST_WITHOUT_GRANT] < _REST_AFTER:
         return _wait(ring, at, i + 1)
     return _wait_slowly(ring, at, i + 1, _AT_ONCE, ring.rest_us)
 

@@ -1,6 +1,7 @@
 """Compiled kernels of the controller: the line from a law's commands to one actuator force a step.
 
-With latency L the command of sample i, taken at step i n, acts from step i n + 1 + L.
+With latency L the command of sample i, taken at step i n, acts from step i n + 1 + L. Latency is
+applied here alone, by `_schedule`: a force is sent with the step in which it acts.
 """
 
 import math
@@ -95,7 +96,7 @@ def _emit(line, state, end, forces):
 def control_sample(law, law_state, line, line_state, value, forces):
     """One sample through law and line; `forces` is final up to the line's EMITTED step."""
     index = law_state.counts[laws.SAMPLES]
-    command = laws.take_sample(law, law_state, value)
+    command = laws.command_for_sample(law, law_state, value)
     if index >= line_state.counts[SCHEDULED]:
         _schedule(line, line_state, index, command)
     _emit(line, line_state, (index + 1) * line.every_steps + 1 + line.latency_steps, forces)

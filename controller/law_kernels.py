@@ -172,7 +172,7 @@ def _ask_ahead(model, state, last):
 
 
 @kernel(part=True)
-def take_sample(model, state, value):
+def command_for_sample(model, state, value):
     """Feed the next sample to the law, and note what it promises from now on. Returns its command,
     N."""
     counts, numbers, history = state.counts, state.numbers, state.history

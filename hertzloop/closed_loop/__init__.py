@@ -1,1 +1,1 @@
-"""The compiled closed loop: one for a sweep, for processes, and for a plant alone."""
+"""The compiled kernels of the closed loop. The Python that calls them is in hertzloop.loop."""

@@ -6,7 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.bus import ring_kernels
-from hertzloop.bus.ring_kernels import FORCES_PUT, OPEN, SAMPLES_PUT, TRIGGERED, Ring, now_ns
+from hertzloop.bus.ring_kernels import (
+    FORCES_PUT,
+    LAST_WITHOUT_GRANT,
+    OPEN,
+    SAMPLES_ANSWERED,
+    Ring,
+    now_ns,
+)
 from hertzloop.closed_loop import grant as grants
 from hertzloop.closed_loop.exchange import GAP, NO_NUMBER, REACHED, SILENT
 from hertzloop.common.jit import kernel
@@ -17,8 +24,8 @@ _AT_ONCE = 64  # samples that are answered together, if so many are there
 _LOOK_EVERY = 8  # exchanges between two looks at the clock
 
 
-class Answers(NamedTuple):
-    """Samples to answer, and what the answers say beside the forces.
+class Job(NamedTuple):
+    """Samples to answer, and what their answers say beside the forces.
 
     Attributes:
         values: Samples of a block, in the unit of their quantity; empty with a ring.
@@ -39,17 +46,17 @@ class Answers(NamedTuple):
 
 
 @kernel
-def answer(controller, answers, limit):
+def answer(controller, job, limit):
     """Answer samples up to number `limit`; ends early where exchanges in the ring are slow.
 
     Returns a status of the exchange.
     """
-    ring, counts = answers.ring, controller.law_state.counts
+    ring, counts = job.ring, controller.law_state.counts
     in_ring, rounds, began, value = ring.own[OPEN] != 0, 0, now_ns(), math.nan
     at_once = _AT_ONCE if in_ring else limit
     while True:
         level = grants.trigger_level(controller)
-        answers.trigger_level[0] = level
+        job.trigger_level[0] = level
         if in_ring:
             if not _put_answer(controller, ring, value, level):
                 return SILENT
@@ -63,7 +70,7 @@ def answer(controller, answers, limit):
         for _ in range(at_once):
             i = counts[laws.SAMPLES]
             if not in_ring:
-                value = answers.values[i - answers.first]
+                value = job.values[i - job.first]
             elif ring_kernels.sample_number(ring, i) != i + 1:
                 return GAP
             else:
@@ -78,13 +85,13 @@ def answer(controller, answers, limit):
                 value,
                 controller.forces,
             )
-            answers.modes[i - answers.first] = controller.law_state.record[laws.MODE]
-            answers.delays[i - answers.first] = controller.law_state.record[laws.DELAY]
+            job.modes[i - job.first] = controller.law_state.record[laws.MODE]
+            job.delays[i - job.first] = controller.law_state.record[laws.DELAY]
             if i + 1 >= limit or (in_ring and not ring_kernels.sample_is_there(ring, i + 1)):
                 break
         if counts[laws.FAULT] != 0:
             return REACHED
-        if answers.commands_ahead:
+        if job.commands_ahead:
             controller_kernels.schedule_ahead(
                 controller.law_state, controller.line, controller.line_state, controller.forces
             )
@@ -97,7 +104,7 @@ def _put_answer(controller, ring, value, level):
     Returns False if there was no room in time.
     """
     own, answered = ring.own, controller.law_state.counts[laws.SAMPLES]
-    if own[SAMPLES_PUT] == answered:
+    if own[SAMPLES_ANSWERED] == answered:
         return True
     end, forces = grants.known_until(controller), controller.forces
     while True:
@@ -109,9 +116,9 @@ def _put_answer(controller, ring, value, level):
             own[FORCES_PUT] += 1
         if last:
             break
-        ring_kernels.put_answer(ring, own[SAMPLES_PUT], force, math.nan)
+        ring_kernels.put_answer(ring, own[SAMPLES_ANSWERED], force, math.nan)
     ring_kernels.put_answer(ring, answered, force, level if level < math.inf else math.nan)
-    own[SAMPLES_PUT] = answered
+    own[SAMPLES_ANSWERED] = answered
     if not value > level:
-        own[TRIGGERED] = answered
+        own[LAST_WITHOUT_GRANT] = answered
     return True

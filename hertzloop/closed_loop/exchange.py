@@ -72,7 +72,7 @@ class Unsent(NamedTuple):
     Attributes:
         truth: Time series of the plant, (columns of hertzloop.plant.time_series, steps).
         codes, values, clipped: Of each sample.
-        modes, delays: Of the law after each sample, where it is in the loop.
+        modes, delays: What the law notes after each sample, if it is in the loop.
         counts: By the indices above. OBSERVED: steps that the sensor has seen.
     """
 
@@ -168,7 +168,8 @@ def put(exchange, unsent, step, value):
 @kernel(copied=True)
 def force_for(exchange, unsent, step, end):
     """Return the force that acts in a step, N, and GO; or 0 and why the loop ends here."""
-    held = exchange.counts[STEPS_BEFORE]
+    # Steps before the run; at a pace, by how many steps the force is late.
+    steps_back = exchange.counts[STEPS_BEFORE]
     if exchange.kind == HELD and step >= end:
         return 0.0, REACHED
     if exchange.kind >= LOCK_STEP:
@@ -176,8 +177,8 @@ def force_for(exchange, unsent, step, end):
         known = grants.is_known(grant, step)
         if exchange.kind == CLOCK:
             if not known:
-                held = step + 1 - grant.counts[grants.KNOWN_UNTIL]
-            exchange.clock.held_steps[step] = held
+                steps_back = step + 1 - grant.counts[grants.KNOWN_UNTIL]
+            exchange.clock.held_steps[step] = steps_back
         elif ring.own[OPEN] == 0:
             if not known:
                 return 0.0, MUST_WAIT
@@ -189,7 +190,7 @@ def force_for(exchange, unsent, step, end):
             counts[EXCHANGES] += 0 if known else 1
             if counts[EXCHANGES] % _LOOK_EVERY == 0 and now_ns() - counts[BEGAN_NS] > ring.wait_ns:
                 counts[EARLY] = 1  # exchanges are slow, though none takes as long as a silence
-    return exchange.commands[min(step - held, exchange.commands.size - 1)], GO
+    return exchange.commands[min(step - steps_back, exchange.commands.size - 1)], GO
 
 
 @kernel(copied=True)
@@ -242,14 +243,17 @@ def _take_answers(exchange, unsent, step, answers, needed_step):
         elif not ring_kernels.wait_for_answer(ring):
             return SILENT
         excess, answered, force, level = ring_kernels.receive_force(ring)
-        status = GAP if excess != 0 else accept(exchange, unsent, step, answered, force, level)
+        status = (
+            GAP if excess != 0 else accept_record(exchange, unsent, step, answered, force, level)
+        )
         if status != GO:
             return status
 
 
 @kernel(copied=True)
-def accept(exchange, unsent, step, answered, force, level):
-    """Accept one record of an answer before a step is taken.
+def accept_record(exchange, unsent, step, answered, force, level):
+    """Accept one record of an answer from the ring before a step is taken. A block from the bus is
+    accepted by `loop.plant_exchange.accept_block`.
 
     `force` is NaN in a record without a force, `level` in one without a trigger level.
     """

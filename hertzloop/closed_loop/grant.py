@@ -1,4 +1,4 @@
-"""The grant: how far the plant may run without the controller. Both sides call these functions.
+"""The grant: how far the plant may run without the controller.
 
 After each sample the controller grants the steps before `known_until`: their forces are final. If
 no force acts or is on its way, and the law stays at zero while samples stay above a
@@ -8,6 +8,9 @@ no force acts or is on its way, and the law stays at zero while samples stay abo
 Example: loop_delay_steps is 3. After the sample of step 10 forces are known until step 13. With a
 trigger level of 1 mm the plant runs on until a sample, of step 200, is 1 mm or less; then its force
 is known until step 203.
+
+The controller calls `known_until` and `trigger_level`, which asks the law. The plant calls
+`extend`, `renew` and `check_trigger`, and asks `is_known` before every step.
 """
 
 import math

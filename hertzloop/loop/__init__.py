@@ -1,1 +1,1 @@
-"""The closed loop: in one compiled call, through a port in one process, as processes."""
+"""Plant and controller in Python: they call the kernels of hertzloop.closed_loop and the bus."""

@@ -7,9 +7,9 @@ from zlib import crc32
 
 import numpy as np
 
-from hertzloop.bus.ring_kernels import FORCES_PUT, OPEN, SAMPLES_PUT, WAITED_NS, Ring
+from hertzloop.bus.ring_kernels import FORCES_PUT, OPEN, SAMPLES_ANSWERED, WAITED_NS, Ring
 from hertzloop.bus.streams import StreamFault
-from hertzloop.closed_loop import answer as answers
+from hertzloop.closed_loop.answer import Job, answer
 from hertzloop.closed_loop.exchange import GAP, NO_NUMBER, SILENT
 from hertzloop.closed_loop.parts import NO_RING, controller_side, elsewhere
 from hertzloop.controller import law_kernels as laws
@@ -47,13 +47,13 @@ class AnswerBlock:
 
 def load() -> None:
     """Load the compiled kernel, or compile it."""
-    answers.answer(elsewhere(np.zeros(0)), _no_answers(NO_RING, 0, False), 0)
+    answer(elsewhere(np.zeros(0)), _no_job(NO_RING, 0, False), 0)
 
 
-def _no_answers(ring: Ring, room: int, commands_ahead: bool) -> answers.Answers:
+def _no_job(ring: Ring, room: int, commands_ahead: bool) -> Job:
     modes, delays = np.zeros(room, np.int64), np.zeros(room, np.int64)
     level = np.full(1, math.inf)
-    return answers.Answers(np.zeros(0), ring, modes, delays, level, 0, commands_ahead)
+    return Job(np.zeros(0), ring, modes, delays, level, 0, commands_ahead)
 
 
 class Answering:
@@ -71,7 +71,7 @@ class Answering:
             commands_ahead: Whether to send forces as soon as they are known, ahead of their step.
         """
         self._controller, self._side = controller, controller_side(controller)
-        self._answers = _no_answers(NO_RING, 0, commands_ahead)
+        self._job = _no_job(NO_RING, 0, commands_ahead)
         self.total = len(controller.law_state.history)
         self.idle_s = 0.0
         self._last_sample_s = 0.0
@@ -87,41 +87,41 @@ class Answering:
     @property
     def samples(self) -> int:
         """Number of samples that were answered."""
-        return int(self._answers.ring.own[SAMPLES_PUT]) if self.in_ring else self.taken
+        return int(self._job.ring.own[SAMPLES_ANSWERED]) if self.in_ring else self.taken
 
     @property
     def in_ring(self) -> bool:
         """Whether samples come in shared memory."""
-        return bool(self._answers.ring.own[OPEN])
+        return bool(self._job.ring.own[OPEN])
 
     @property
     def waited_s(self) -> float:
         """Wall time in which this side has waited for the plant in the ring."""
-        return 1e-9 * float(self._answers.ring.own[WAITED_NS])
+        return 1e-9 * float(self._job.ring.own[WAITED_NS])
 
     @property
     def full(self) -> bool:
         """Whether the answers must be published before many more samples are answered."""
-        return self.samples - self._answers.first > _ROOM - _SPARE
+        return self.samples - self._job.first > _ROOM - _SPARE
 
     def use_ring(self, ring: Ring) -> None:
         """Answer further samples in shared memory."""
-        ring.own[OPEN], ring.own[SAMPLES_PUT] = 1, self.samples
+        ring.own[OPEN], ring.own[SAMPLES_ANSWERED] = 1, self.samples
         ring.own[FORCES_PUT] = self._replied_step
-        new = _no_answers(ring, _ROOM, self._answers.commands_ahead)
-        self._answers = new._replace(first=self.samples)
+        new = _no_job(ring, _ROOM, self._job.commands_ahead)
+        self._job = new._replace(first=self.samples)
         self._last_sample_s = time.monotonic()
 
     def answer_block(self, values: np.ndarray) -> None:
         """Answer the samples of a block, all finite. Raises LawFault if the law fails."""
         modes, delays = np.zeros(len(values), np.int64), np.zeros(len(values), np.int64)
-        self._answers = self._answers._replace(
+        self._job = self._job._replace(
             values=np.ascontiguousarray(values, float),
             modes=modes,
             delays=delays,
             first=self.samples,
         )
-        answers.answer(self._side, self._answers, self.samples + len(values))
+        answer(self._side, self._job, self.samples + len(values))
         self._controller.check()
 
     def answer_in_ring(self, limit: int) -> None:
@@ -132,9 +132,7 @@ class Answering:
             LawFault: The law has failed.
         """
         before = self.taken
-        status = answers.answer(
-            self._side, self._answers, min(limit, self.total, self._answers.first + _ROOM)
-        )
+        status = answer(self._side, self._job, min(limit, self.total, self._job.first + _ROOM))
         self._controller.check()
         if status == GAP:
             raise StreamFault(f"sample {self.taken} is missing in the ring")
@@ -175,14 +173,14 @@ class Answering:
 
     def reply(self) -> AnswerBlock:
         """Return the answers since the last call. A force that is not in the ring is left out."""
-        now, first, samples = self._answers, self._replied_step, self.samples
+        now, first, samples = self._job, self._replied_step, self.samples
         own, line = now.ring.own, self._controller.line_state
         end = int(own[FORCES_PUT] if self.in_ring else line.counts[EMITTED])
         count, left = samples - now.first, self.taken - samples
         modes, delays = now.modes[:count].copy(), now.delays[:count].copy()
         for row in (now.modes, now.delays):
             row[:left] = row[count : count + left].copy()
-        self._answers, self._replied_step = now._replace(first=samples), end
+        self._job, self._replied_step = now._replace(first=samples), end
         return AnswerBlock(
             first_step=first,
             forces=self._controller.forces[first:end],

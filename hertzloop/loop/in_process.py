@@ -20,7 +20,7 @@ from hertzloop.loop.events import ControllerEvents
 from hertzloop.loop.plant_node import ExchangeOptions, LoopStats, PlantNode
 from hertzloop.loop.plant_streams import EVERY_S, PlantStreams
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
-from hertzloop.loop.watchdog import watching
+from hertzloop.loop.stuck_law import watching
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.controller import build_controller

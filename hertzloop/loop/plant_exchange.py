@@ -24,7 +24,7 @@ from hertzloop.common.uncompiled import plain
 _extend, _renew = plain(grants.extend), plain(grants.renew)
 
 
-def receive_forces(
+def accept_block(
     exchange: Exchange, unsent: Unsent, header: ForceBlock, forces: np.ndarray, step: int
 ) -> None:
     """Accept a block of forces from the bus.

@@ -41,9 +41,9 @@ from hertzloop.common.uncompiled import plain
 from hertzloop.loop.paced import REST_S, Paced
 from hertzloop.loop.plant_exchange import (
     SharedMemory,
+    accept_block,
     check_forces,
     fault_in_ring,
-    receive_forces,
 )
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.loop.repeated_run import RepeatedRun
@@ -342,7 +342,7 @@ class PlantNode:
             check_forces(self.exchange, block.header, len(forces))
             return
         step, unsent = self.streams.step, self.streams.unsent
-        receive_forces(self.exchange, unsent, block.header, forces, step)
+        accept_block(self.exchange, unsent, block.header, forces, step)
         if self.exchange.kind == CLOCK:
             now, counts = time.monotonic_ns(), self.exchange.counts
             _note_answers(self.exchange.clock, now, counts[ANSWERED], counts[FORCES_END])

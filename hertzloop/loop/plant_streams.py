@@ -202,8 +202,8 @@ class PlantStreams:
     def fail(self, sentence: str) -> None:
         """Publish what is waiting, and then why the run ends here.
 
-        A dead bus is not a second fault, nor is a block that holds the fault itself. If one role is
-        gone, the others still receive the end.
+        A dead bus is not a second fault, nor is a block that holds the fault itself. If a role is
+        gone, the others receive the end alone.
         """
         failure = event(
             "plant",

@@ -18,7 +18,7 @@ from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.controller import Controller
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.impact_end import impact_follower
-from hertzloop.loop.watchdog import watching
+from hertzloop.loop.stuck_law import watching
 from hertzloop.plant.metrics.impact_kernels import NEVER
 from hertzloop.plant.plant import Balance, Plant
 from hertzloop.plant.state_kernels import FLIGHT_V

@@ -19,7 +19,7 @@ from hertzloop.bus.sockets import mesh_endpoints, on_loopback
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.common.sanitize import visible
-from hertzloop.loop import watchdog
+from hertzloop.loop import stuck_law
 from hertzloop.loop.repeated_run import repeated_run
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.program import BUS_NAME
@@ -33,11 +33,11 @@ from hertzloop.scene.setup import Setup
 if TYPE_CHECKING:
     from hertzloop.loop.controller_node import ControllerNode
 
-_GRACE_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
+_HEAR_FAULT_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
 _COMPLETION_S = 60.0  # for the recorder to close its file, at least
 # For an interrupted role to end in order, before the launcher kills it, and for the controller to
 # leave.
-_PATIENCE_S = 4.0
+_EXIT_S = 4.0
 # In timeouts: how long the roles wait for a message. A message that is not accepted is given up
 # after one; so a role that is kept from going on can say why before the others miss it.
 _WAITS = {PLANT: 1.25, CONTROLLER: 1.5, RECORDER: 2.0}
@@ -93,7 +93,7 @@ def _joined(address: BusAddress, role: str, options: RunOptions) -> Iterator[Zen
         _say(f"{role} was interrupted, and left before its part was complete")
         os._exit(INTERRUPTED)
 
-    overdue = threading.Timer(_PATIENCE_S, exit_now)
+    overdue = threading.Timer(_EXIT_S, exit_now)
     overdue.daemon = True
 
     def react(count: int) -> None:
@@ -111,7 +111,7 @@ def _joined(address: BusAddress, role: str, options: RunOptions) -> Iterator[Zen
             # message: what it heard, the others shall hear before they miss it, and name the cause.
             if role != RECORDER or isinstance(error, StreamFault):
                 lost = error.roles if isinstance(error, PeerLost) else ()
-                port.liveliness.wait_until_heard(_GRACE_S, {*lost} - {RECORDER})
+                port.liveliness.wait_until_heard(_HEAR_FAULT_S, {*lost} - {RECORDER})
             raise
         else:
             if role != RECORDER:
@@ -120,7 +120,7 @@ def _joined(address: BusAddress, role: str, options: RunOptions) -> Iterator[Zen
                     RECORDER, max(_COMPLETION_S, time.monotonic() - opened_s)
                 )
             if role == PLANT:  # its token could be gone before the controller hears its end
-                port.liveliness.wait_until_gone(CONTROLLER, _PATIENCE_S)
+                port.liveliness.wait_until_gone(CONTROLLER, _EXIT_S)
         finally:
             port.close()
             overdue.cancel()
@@ -204,8 +204,8 @@ def _answer_all(node: "ControllerNode", wait_s: float, timeout_s: float) -> floa
     if node.setup is None:
         return 0.0
     started = time.monotonic() - node.waited_s
-    patience_s = timeout_s + watchdog.PATIENCE_S
-    with watchdog.watching(node.setup, lambda: node.law_samples, patience_s=patience_s):
+    patience_s = timeout_s + stuck_law.PATIENCE_S
+    with stuck_law.watching(node.setup, lambda: node.law_samples, patience_s=patience_s):
         while not node.done:
             node.work(timeout_s)
     return max(0.0, time.monotonic() - started - node.waited_s)
@@ -230,7 +230,7 @@ def _recording(recorder: Recorder) -> Iterator[Recorder]:
 def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
     """After a fault that came first: the plant's hello may be on its way, on another link, and
     without a scene there would be no recording to read."""
-    until_s = time.monotonic() + _GRACE_S
+    until_s = time.monotonic() + _HEAR_FAULT_S
     with suppress(BusError, StreamFault, RecordingError):  # the first fault is the one to tell
         while "hello" not in recorder.counters:
             envelope = port.receive(

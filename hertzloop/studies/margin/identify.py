@@ -16,7 +16,7 @@ from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law_kernels import SAMPLES
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.answering import answer_samples
-from hertzloop.loop.watchdog import watching
+from hertzloop.loop.stuck_law import watching
 from hertzloop.scene.controller import bound_law, law_constants, loaded_law
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.law_filters import Cascade

@@ -258,7 +258,7 @@ def test_a_sweep_notes_the_case_in_which_a_law_fails(here):
 
 # A hertzloop that gives a law less time.
 IMPATIENT = (
-    "import hertzloop.loop.watchdog as w; w.PATIENCE_S = 2.0\n"
+    "import hertzloop.loop.stuck_law as w; w.PATIENCE_S = 2.0\n"
     "from hertzloop.__main__ import main; main()"
 )
 

@@ -14,11 +14,11 @@ from hertzloop.closed_loop.exchange import (
     SAMPLES_FIRST,
     Exchange,
     Unsent,
-    accept,
+    accept_record,
 )
 from hertzloop.closed_loop.grant import TRIGGERED, ZERO_UNTIL_TRIGGER
 from hertzloop.closed_loop.parts import elsewhere, empty_unsent, exchange
-from hertzloop.loop.plant_exchange import receive_forces
+from hertzloop.loop.plant_exchange import accept_block
 
 TAKEN, LEVEL = 9, 1.0  # samples, and the trigger level before
 SEEN, TRIGGERS = (5, TAKEN), (0, 5, 6, TAKEN)  # samples answered; taken when one fell to the level
@@ -46,13 +46,13 @@ def over_the_bus(zero, seen, triggered, level):
         zero_until_trigger=level is not None,
         trigger_level=7.0 if level is None else level,
     )
-    receive_forces(found, unsent, header, np.zeros(1), 0)
+    accept_block(found, unsent, header, np.zeros(1), 0)
     return granted(found)
 
 
 def in_the_ring(zero, seen, triggered, level):
     found, unsent = exchange_after(zero, triggered, sent=TAKEN)
-    assert accept(found, unsent, 0, seen, 0.0, math.nan if level is None else level) == GO
+    assert accept_record(found, unsent, 0, seen, 0.0, math.nan if level is None else level) == GO
     return granted(found)
 
 

@@ -2,20 +2,20 @@
 
 import pytest
 
-from hertzloop.loop import watchdog
+from hertzloop.loop import stuck_law
 
 
 @pytest.fixture
 def clock(monkeypatch):
-    """The watchdog's time in s."""
+    """The thread's time in s."""
     now = [1000.0]
-    monkeypatch.setattr(watchdog.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(stuck_law.time, "monotonic", lambda: now[0])
     return now
 
 
 def looked_at(clock: list[float], progress: list[int], pauses_s: list[float]) -> list[bool]:
     """Whether it is stuck after each of these pauses, while it has come as far as `progress`."""
-    run = watchdog._Run("mine.py", iter(progress).__next__, print, "samples", patience_s=20.0)
+    run = stuck_law._Run("mine.py", iter(progress).__next__, print, "samples", patience_s=20.0)
     found = []
     for pause_s in pauses_s:
         clock[0] += pause_s
