@@ -30,10 +30,10 @@ if TYPE_CHECKING:
     from hertzloop.bus.messages_pb2 import EnergyBalance as EnergyBalance
     from hertzloop.plant.plant import Balance
     from hertzloop.recordings.recording import Event
+    from hertzloop.results.inspection import Assessment
     from hertzloop.results.metric_rows import MetricRow
     from hertzloop.results.metrics import RunResult
     from hertzloop.results.span_metrics import RunMetrics
-    from hertzloop.results.verdict import Assessment
     from hertzloop.views.comparison import Comparison
 
 _LINES = 6  # of a run that is printed
@@ -126,8 +126,8 @@ class Run:
 
     @cached_property
     def _assessment(self) -> "Assessment":
+        from hertzloop.results.inspection import assess
         from hertzloop.results.metrics import free_metrics
-        from hertzloop.results.verdict import assess
 
         setup = resolve(self.scene)
         return assess(setup, self._result, free_metrics(setup), self._why_not)

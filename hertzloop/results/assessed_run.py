@@ -3,8 +3,9 @@
 import math
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.loop.run_options import RunOptions
@@ -13,9 +14,8 @@ from hertzloop.processes.record import Progress, record, unseen
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.inspection import Inspected, inspected
+from hertzloop.results.inspection import Assessment, Inspected, inspected
 from hertzloop.results.recorded import truth_of
-from hertzloop.results.verdict import Assessment
 from hertzloop.results.verification import Verification, verify
 from hertzloop.scene.setup import Setup
 
@@ -32,37 +32,26 @@ class RunReport:
 
     Attributes:
         setup: the setup of the run.
+        options: how it was run.
         inspected: the recording, as read after the run, with its metrics.
-        assessment: the metrics of the run, and what they show.
+        assessment: the metrics of the run, beside those without control.
         balance: energy and momentum balance at the end of the run.
-        transport: name of the transport.
-        wall_s: wall time of the loop, s.
-        exchanges: number of exchanges between plant and controller.
-        shared_memory: why the exchanges used the fast lane or the bus; empty without processes.
-        realtime: real-time profile of the processes; empty without one.
-        busy_s: wall time in which each role worked, by its name, s; empty without processes. A
-            program of the user's does not report its time.
-        waited_s: wall time in which the plant waited for the others or the clock, s.
-        repeats: the recording that this run repeats, if any.
-        differs: first difference from that recording; empty if the bytes are equal.
-        verifies: whether a verification was requested.
-        verification: its result; None if no impact ends within the run.
+        stats: `wall_s`, wall time of the loop, s; `exchanges` between plant and controller;
+            `shared_memory`, why these used the fast lane or the bus; `realtime`, the real-time
+            profile; `busy_s`, wall time in which each role worked, by name; `waited_s`, wall time
+            in which the plant waited for the others or the clock.
+        differs: first difference from the recording that the run repeats; empty if the bytes are
+            equal, None without one.
+        verification: result of a verification; None if no impact ends within the run.
     """
 
     setup: Setup
+    options: RunOptions
     inspected: Inspected
     assessment: Assessment
     balance: EnergyBalance
-    transport: str
-    wall_s: float
-    exchanges: int
-    shared_memory: str = ""
-    realtime: str = ""
-    busy_s: Mapping[str, float] = field(default_factory=dict)
-    waited_s: float = 0.0
-    repeats: Path | None = None
+    stats: Mapping[str, Any]
     differs: str | None = None
-    verifies: bool = False
     verification: Verification | None = None
 
     @property
@@ -116,20 +105,4 @@ def run_and_assess(
         raise RecordingError(f"{recording}: {found.problems[-1]}")
     balance = recorded.balance
     assert balance is not None  # a recording without one has a problem
-    return RunReport(
-        setup=setup,
-        inspected=found,
-        assessment=found.assessment,
-        balance=balance,
-        transport=options.transport.value,
-        wall_s=stats["wall_s"],
-        exchanges=int(stats["exchanges"]),
-        shared_memory=stats["shared_memory"],
-        realtime=stats.get("realtime", ""),
-        busy_s=stats.get("busy_s", {}),
-        waited_s=stats["waited_s"],
-        repeats=options.repeat,
-        differs=differs,
-        verifies=options.verify,
-        verification=verification,
-    )
+    return RunReport(setup, options, found, found.assessment, balance, stats, differs, verification)

@@ -7,8 +7,10 @@ import numpy as np
 
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.recordings.recording import Event, Recording, SampledStream
+from hertzloop.results.metric_rows import Rows, metric_rows
 from hertzloop.results.metrics import Metrics, RunResult, Saturation, free_metrics, metrics_of
 from hertzloop.results.model import Yield, yield_of
+from hertzloop.results.predictability import Predictability, predictability
 from hertzloop.results.recorded import (
     NEEDED_FIELDS,
     Pacing,
@@ -19,9 +21,40 @@ from hertzloop.results.recorded import (
     truth_of,
 )
 from hertzloop.results.repeatability import MOST_WORK, why_not_repeatable
-from hertzloop.results.verdict import Assessment, assess
+from hertzloop.results.touch_phases import at_other_phases
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """A run beside the same run without control.
+
+    Attributes:
+        result: the run.
+        free: metrics without control; None without a comparison.
+        predictability: how well the impacts can be known.
+        rows: all metrics, with their errors, ranges and changes.
+    """
+
+    result: RunResult
+    free: Metrics | None
+    predictability: Predictability
+    rows: Rows
+
+
+def assess(setup: Setup, result: RunResult, free: Metrics | None, why_not: str = "") -> Assessment:
+    """Compare the metrics of a run with those without control, and estimate their errors.
+
+    Args:
+        setup: The setup of the run, whose closed loop is simulated again.
+        result: The run.
+        free: Metrics of the same run without control, None without a comparison.
+        why_not: Why the closed loop cannot be simulated again, where that is so.
+    """
+    known = predictability(setup, result, free, why_not)
+    phases = at_other_phases(setup, result, known)
+    return Assessment(result, free, known, metric_rows(result, free, known, phases))
 
 
 @dataclass(frozen=True)
@@ -34,8 +67,8 @@ class Inspected:
         law: Law that the forces come from.
         pacing: Missed deadlines of a paced or repeated run; None in lock-step.
         yielded: Permanent indentation, if the contact yielded.
-        free: Metrics of the same run without control; None without a comparison.
-        assessment: The metrics, and what they show; None if the recording has no metrics.
+        assessment: The metrics, beside those without control if these are wanted; None if the
+            recording has no metrics.
     """
 
     recording: Recording
@@ -43,7 +76,6 @@ class Inspected:
     law: RecordedLaw
     pacing: Pacing | None
     yielded: Yield | None
-    free: Metrics | None = None
     assessment: Assessment | None = None
 
     @property
@@ -87,7 +119,7 @@ def inspected(
                 result = recorded_result(setup, recording, metrics, law, pacing)
                 free = free_metrics(setup) if against_none else None
                 found = assess(setup, result, free, why_not_repeatable(recording, most_work))
-            return replace(bare, free=free, assessment=found)
+            return replace(bare, assessment=found)
     except (SceneError, RecursionError) as error:
         problem = f"the scene inside cannot be read: {error}{recording.other_version}"
     except (ArithmeticError, ValueError) as error:

@@ -51,9 +51,9 @@ def print_run(
         )
     if details:
         pieces += _details(report)
-    if report.verifies:
+    if report.options.verify:
         pieces.append(_verification_line(report))
-    pieces += repetition_lines(report.repeats, report.differs)
+    pieces += repetition_lines(report.options.repeat, report.differs)
     print_all(console, [*pieces, *_run_lines(report)])
 
 
@@ -88,8 +88,8 @@ def _run_lines(report: RunReport) -> list[Text]:
     setup, infinite = report.setup, report.setup.plant.infinite_plate
     return [
         Text(
-            f"Scene {setup.scene.name}, {setup.run.steps:,} steps in {report.wall_s:.3g} s. "
-            f"Law: {law_line(report.inspected.law, digests=False)}."
+            f"Scene {setup.scene.name}, {setup.run.steps:,} steps in "
+            f"{report.stats['wall_s']:.3g} s. Law: {law_line(report.inspected.law, digests=False)}."
         ),
         Text.assemble(
             f"Error of the {'missing reflections' if infinite else 'truncated modes'} "
@@ -105,7 +105,7 @@ def _details(report: RunReport) -> list[Text | Table]:
     """Return all impacts, further metrics, properties of the run and neglected effects."""
     ends = report.assessment
     result, known = ends.result, ends.predictability
-    found, free = result.metrics, report.inspected.free
+    found, free = result.metrics, ends.free
     if result.scene_law == NO_CONTROL or free is None:
         tables = [impacts_table("Impacts, no control", found.by_impact, known.controlled)]
     else:

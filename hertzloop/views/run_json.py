@@ -4,10 +4,9 @@ from collections.abc import Iterable
 from dataclasses import asdict, is_dataclass
 from typing import Any
 
-from hertzloop.results import verdict as verdicts
 from hertzloop.results.assessed_run import RunReport
 from hertzloop.results.effects import EffectState, Neglected
-from hertzloop.results.inspection import Inspected
+from hertzloop.results.inspection import Assessment, Inspected
 from hertzloop.results.metric_rows import MetricRow
 from hertzloop.results.metrics import Metrics
 from hertzloop.results.predictability import Predictability
@@ -91,7 +90,7 @@ def rows_as_json(found: Iterable[MetricRow]) -> list[dict[str, Any]]:
     return [{"label": row.label, **asdict(row)} for row in found]
 
 
-def out_of_range_as_json(found: verdicts.Assessment | None) -> list[str]:
+def out_of_range_as_json(found: Assessment | None) -> list[str]:
     """Return the sentence on what is out of range, in a list; empty if nothing is."""
     return out_of_range(found.result.metrics.neglected.checks) if found else []
 
@@ -119,12 +118,12 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         "injected_j": result.injected_j,
         "expected_error": result.expected_error,
         "requested_accuracy": report.setup.run.accuracy,
-        "uncontrolled": metrics_as_json(report.inspected.free or result.metrics),
+        "uncontrolled": metrics_as_json(report.assessment.free or result.metrics),
         **assessment_as_json(report.inspected),
     }
-    if report.repeats:
-        data |= {"repeats": str(report.repeats), "differs": report.differs}
-    if report.verifies:
+    if report.options.repeat:
+        data |= {"repeats": str(report.options.repeat), "differs": report.differs}
+    if report.options.verify:
         found = report.verification
         data["verification"] = None if found is None else verification_as_json(found)
     return data

@@ -5,10 +5,9 @@ import shlex
 from hertzloop.common.readable import argument
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
-from hertzloop.results.inspection import inspected
+from hertzloop.results.inspection import Assessment, inspected
 from hertzloop.results.metrics import Metrics
 from hertzloop.results.recorded import law_of
-from hertzloop.results.verdict import Assessment
 from hertzloop.studies.pages.html import ResultPage, ResultTable
 from hertzloop.studies.report.charts import charts_of
 from hertzloop.views.effects import sentences_of
@@ -51,7 +50,7 @@ def page_of(recording: Recording) -> ResultPage:
             *no_text,
         ],
         charts=charts_of(shown),
-        tables=_tables(ends, found.free, not unstable),
+        tables=_tables(ends, ends.free, not unstable),
         commands=_commands(recording) if law.as_announced else [],
         versions=recording.metadata.get("versions", ""),
         scenes=texts,

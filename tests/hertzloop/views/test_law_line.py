@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import RunReport
 from hertzloop.results.inspection import inspected
@@ -49,7 +50,8 @@ def test_a_run_that_another_law_made(tmp_path):
     foreign = made.ends["controller"].report
     foreign.law, foreign.law_digest = "[b]mine[/b] 7", ""
     found = inspected(made, against_none=True)
-    ran = RunReport(SCENE, found, found.assessment, made.balance, "zenoh", 1.0, 1)
+    stats = {"wall_s": 1.0, "exchanges": 1}
+    ran = RunReport(SCENE, RunOptions(), found, found.assessment, made.balance, stats)
     said = "[b]mine[/b] 7 (the scene says slope_threshold)"
     for show in (
         lambda console: print_inspection(console, inspected(made)),
