@@ -20,7 +20,7 @@ NAMES = {
         plant.metrics.impacts.Impact plant.metrics.noise.ImpactNoise
         results.span_metrics.RunMetrics results.span_metrics.SpanMetrics api.runs.compare
         results.metric_rows.MetricRow results.metric_rows.UncertainValue
-        views.comparison.Comparison api.studies.modes""",
+        views.metrics_table.Comparison api.studies.modes""",
     "Studies": """api.studies.sweep studies.sweep.request.SweepRequest results.cases.CaseMetrics
         api.studies.tune studies.tune.request.TuneRequest studies.tune.result.TuneResult
         studies.tune.result.Candidate api.studies.budget studies.budget.request.BudgetRequest

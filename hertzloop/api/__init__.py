@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hertzloop.studies.sweep.request import SweepRequest
     from hertzloop.studies.tune.request import TuneRequest
     from hertzloop.studies.tune.result import TuneResult
-    from hertzloop.views.comparison import Comparison
+    from hertzloop.views.metrics_table import Comparison
 
 __all__ = [
     "BudgetRequest",
@@ -83,7 +83,7 @@ __all__ = [
 
 # Names that are loaded at their first use, since a script that only simulates needs none of them.
 _NAMES_BY_MODULE = {
-    "views.comparison": ("Comparison",),
+    "views.metrics_table": ("Comparison",),
     "results.span_metrics": ("RunMetrics", "SpanMetrics"),
     "bus.port": ("BusError",),
     "bus.streams": ("StreamFault",),

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from hertzloop.results.metric_rows import MetricRow
     from hertzloop.results.metrics import RunResult
     from hertzloop.results.span_metrics import RunMetrics
-    from hertzloop.views.comparison import Comparison
+    from hertzloop.views.metrics_table import Comparison
 
 _LINES = 6  # of a run that is printed
 
@@ -301,8 +301,7 @@ def read(recording: str | Path) -> Run:
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.results.inspection import recorded_result
     from hertzloop.results.metrics import metrics_of
-    from hertzloop.results.recorded import law_of, pacing_of, truth_of
-    from hertzloop.results.repeatability import why_not_repeatable
+    from hertzloop.results.recorded import law_of, pacing_of, truth_of, why_not_repeatable
     from hertzloop.views.run_json import pacing_as_json
 
     found = read_recording(Path(recording))
@@ -369,7 +368,7 @@ def compare(a: "Run | RunMetrics", b: "Run | RunMetrics") -> "Comparison":
         One row per metric. `print` shows the table of `hertzloop compare --metrics`.
     """
     from hertzloop.results.metric_rows import comparison, values_in, without_errors
-    from hertzloop.views.comparison import Comparison
+    from hertzloop.views.metrics_table import Comparison
 
     left, right = (
         values_in(one.rows) if isinstance(one, Run) else without_errors(one) for one in (a, b)

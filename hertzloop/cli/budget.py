@@ -18,11 +18,11 @@ from hertzloop.cli.options import (
     SceneArgument,
     SeedOption,
     SetOption,
+    check_only_used,
     options_of,
 )
 from hertzloop.cli.requirements import check_requirements
 from hertzloop.cli.terminal import out, progress
-from hertzloop.cli.unused_options import check_only_used
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.studies.budget.budget import budget as search_budget
 from hertzloop.studies.budget.plan import BudgetPlan, plan_budget

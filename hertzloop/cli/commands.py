@@ -149,7 +149,7 @@ SCENE = (
     ),
     CommandEntry(
         "scene modes",
-        "hertzloop.cli.scene_modes:modes",
+        "hertzloop.cli.scene:modes",
         "Write the modes of a scene's structure to a file.",
         "scene modes aluminium-3mm --out modes.csv",
     ),

@@ -127,7 +127,7 @@ def _duration(duration_s: float) -> str:
 def _print_recorded(path: Path) -> None:
     """Print what a recording has, its verdict, and the next command."""
     from hertzloop.results.inspection import inspected
-    from hertzloop.views.run import next_lines
+    from hertzloop.views.report import next_lines
     from hertzloop.views.verdict import verdict_sentences
 
     recording = read(path)

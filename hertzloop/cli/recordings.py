@@ -60,7 +60,7 @@ def inspect(
     The exit code is 1 if a message is missing or damaged.
     """
     from hertzloop.results.inspection import inspected
-    from hertzloop.views.inspection import print_inspection
+    from hertzloop.views.report import print_inspection
     from hertzloop.views.run_json import inspection_as_json
 
     outputs.check_json(json_file, law_file)
@@ -148,7 +148,7 @@ def _compare_metrics(
     """Print the metrics of both runs, and their change."""
     from hertzloop.results.inspection import inspected
     from hertzloop.results.metric_rows import comparison, values_in
-    from hertzloop.views.comparison import Comparison
+    from hertzloop.views.metrics_table import Comparison
     from hertzloop.views.run_json import rows_as_json
 
     found = []
@@ -250,7 +250,7 @@ def repair(
 
     A recording is readable up to its first damage. Every MCAP tool opens the new file.
     """
-    from hertzloop.views.inspection import without_checksum
+    from hertzloop.views.report import without_checksum
 
     repaired = out_file or file.with_name(f"{file.stem}-repaired.mcap")
     outputs.check_recording(repaired, overwrite, read=[file])

@@ -18,11 +18,11 @@ from hertzloop.cli.options import (
     SceneArgument,
     SeedOption,
     SetOption,
+    check_unused,
     run_options,
 )
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
-from hertzloop.cli.unused_options import check_unused
 from hertzloop.loop.run_options import EXPERT, RunOptions, Transport, check_transport
 from hertzloop.processes.launcher import Launcher
 from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
@@ -34,7 +34,7 @@ from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup
 from hertzloop.views.format import unwrapped
-from hertzloop.views.run import print_run
+from hertzloop.views.report import print_run
 from hertzloop.views.run_json import run_as_json
 
 _MANY_STEPS = 4_000_000

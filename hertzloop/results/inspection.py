@@ -12,6 +12,7 @@ from hertzloop.results.metrics import Metrics, RunResult, Saturation, free_metri
 from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.predictability import Predictability, predictability
 from hertzloop.results.recorded import (
+    MOST_WORK,
     NEEDED_FIELDS,
     Pacing,
     RecordedLaw,
@@ -19,8 +20,8 @@ from hertzloop.results.recorded import (
     missing_from,
     pacing_of,
     truth_of,
+    why_not_repeatable,
 )
-from hertzloop.results.repeatability import MOST_WORK, why_not_repeatable
 from hertzloop.results.touch_phases import at_other_phases
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse

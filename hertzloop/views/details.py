@@ -6,15 +6,16 @@ from typing import Any, NamedTuple
 
 from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.common.readable import quantity
+from hertzloop.controller.loading.registry import shipped
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results import model
 from hertzloop.results.assessed_run import RunReport
 from hertzloop.results.inspection import Inspected
+from hertzloop.results.recorded import RecordedLaw
 from hertzloop.results.statistics import ActuatorDemand
 from hertzloop.scene.controller import mean_latency_us
 from hertzloop.scene.setup import Setup
 from hertzloop.views.format import Table
-from hertzloop.views.law_line import law_line
 
 
 class RunFact(NamedTuple):
@@ -33,6 +34,7 @@ class RunFact(NamedTuple):
     words: Callable[[Any], str] = str
 
 
+_LONGEST = 200  # characters that are shown of a controller's own words
 _ROWS = ("run", "time", "plate", "contact", "actuator", "residuals")
 _SHARED = {
     "JOINED": "in the fast lane",
@@ -75,6 +77,26 @@ def facts_as_json(report: RunReport) -> dict[str, Any]:
     """Return the facts of a run by their names in `--json`."""
     own = {fact.key: fact.of(report) for fact in OF_RUN if fact.key}
     return recorded_as_json(report.inspected) | own
+
+
+def law_line(data: RecordedLaw, digests: bool = True) -> str:
+    """Name the law that the forces of a recording come from; without `digests`, one that the scene
+    does not name still has its digest."""
+    if data.as_announced and not digests:
+        return law_words(data.law, None)
+    used, announced = law_words(data.law, data.law_digest), data.scene_law
+    if data.as_announced or (used and data.law == announced and data.law_digest is None):
+        return used
+    law = used or "not reported by the controller"
+    scene = law_words(announced, data.scene_law_digest)
+    return f"{law} (the scene says {scene})" if announced else law
+
+
+def law_words(name: str | None, digest: str | None) -> str:
+    """Return a law's name, shortened to fit, and the digest of its files if it is not shipped."""
+    words = "".join(c for c in " ".join((name or "").split()) if c.isprintable())[:_LONGEST]
+    own = name is not None and name not in shipped()
+    return f"{words}, digest {digest[:_LONGEST]}" if digest and own else words
 
 
 def fallback_words(fallbacks: int) -> str:

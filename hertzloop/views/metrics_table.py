@@ -2,6 +2,9 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from rich.console import Console
 
 from hertzloop.controller.loading.registry import NO_CONTROL
 from hertzloop.results.facts import Level
@@ -97,3 +100,27 @@ def notes_on(rows: Iterable[MetricRow]) -> list[str]:
         impact = any(not math.isnan(row.value.value) for row in rows)
         notes += [NO_RADIATION] * impact
     return notes
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All metrics of two runs, A and B. It prints as the table of `compare --metrics`.
+
+    Attributes:
+        rows: the metrics of the first impact, then those of the whole run; `reference` is the value
+            of A, `value` that of B, `change` the change from A to B.
+    """
+
+    rows: tuple[MetricRow, ...]
+
+    def table(self, details: bool = False) -> Table:
+        """Return the metrics that a run prints, or all of them for `details`."""
+        rows = self.rows if details else shown_rows(self.rows)
+        title = "Metrics of A and B in the first impact, and the change from A to B"
+        return table_of_rows(rows, ("A", "B"), title, reference_first=True)
+
+    def __str__(self) -> str:
+        console = Console(width=100, highlight=False, emoji=False, markup=False)
+        with console.capture() as caught:
+            console.print(self.table())
+        return caught.get()

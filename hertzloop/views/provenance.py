@@ -9,7 +9,7 @@ from hertzloop.scene.keys import unit_of
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.materials import material_name
 from hertzloop.scene.setup import Setup, load
-from hertzloop.views.law_line import law_line, law_words
+from hertzloop.views.details import law_line, law_words
 
 _NOT_NAMED = ("name", "shows", "plate.modes.content")  # the content has a digest of its own
 _LONGEST = 40  # characters of a value

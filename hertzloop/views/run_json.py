@@ -14,7 +14,7 @@ from hertzloop.results.recorded import Pacing
 from hertzloop.results.verification import Verification
 from hertzloop.views.details import facts_as_json, recorded_as_json
 from hertzloop.views.effects import out_of_range
-from hertzloop.views.inspection import streams_of
+from hertzloop.views.report import streams_of
 from hertzloop.views.verdict import verdict_sentences
 
 _NO_METRICS: dict[str, Any] = {

@@ -152,10 +152,8 @@ def _plate_energy(row: MetricRow) -> tuple[bool, str]:
         words = uncertain_text(size, ".1f")
     else:
         words = f"at most {known_digits(most, '.1f', change.error)}"
-    return (
-        falls,
-        f"Control {'reduces' if falls else 'increases'} plate energy by {words} dB {where}.",
-    )
+    verb = "reduces" if falls else "increases"
+    return falls, f"Control {verb} plate energy by {words} dB {where}."
 
 
 def _later_contacts(found: Assessment, free: Metrics, first: UncertainValue | None) -> list[str]:

@@ -33,7 +33,7 @@ from hertzloop.recordings.recording import SAMPLED, Recording
 from hertzloop.recordings.repair import repair
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.inspection import inspected
-from hertzloop.views.inspection import print_inspection
+from hertzloop.views.report import print_inspection
 from hertzloop.views.run_json import inspection_as_json
 from tests.faults import page
 from tests.recordings.rewriting import record

@@ -10,9 +10,9 @@ from hertzloop.results.metrics import Metrics
 from hertzloop.results.recorded import law_of
 from hertzloop.studies.pages.html import ResultPage, ResultTable
 from hertzloop.studies.report.charts import charts_of
+from hertzloop.views.details import law_line
 from hertzloop.views.effects import sentences_of
 from hertzloop.views.impacts_table import impact_headings, impact_rows
-from hertzloop.views.law_line import law_line
 from hertzloop.views.metrics_table import cells_of, further_rows, notes_on, shown_rows
 from hertzloop.views.provenance import text_of_law
 from hertzloop.views.replaying import prepare, scene_of

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from hertzloop.views.run import next_lines
+from hertzloop.views.report import next_lines
 from tests.commands import call, said, succeed
 from tests.hertzloop.commands import (
     LONG,

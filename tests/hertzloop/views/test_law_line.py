@@ -13,9 +13,8 @@ from hertzloop.results.assessed_run import RunReport
 from hertzloop.results.inspection import inspected
 from hertzloop.results.recorded import law_of
 from hertzloop.scene.toml import to_toml
-from hertzloop.views.inspection import print_inspection
-from hertzloop.views.law_line import law_line
-from hertzloop.views.run import print_run
+from hertzloop.views.details import law_line
+from hertzloop.views.report import print_inspection, print_run
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
 # Two contacts.
