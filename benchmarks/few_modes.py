@@ -29,7 +29,6 @@ from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.results.scene_modes import modes_of_scene
-from hertzloop.scene import model_error
 from hertzloop.scene.setup import Setup
 
 _TRUNCATED = "infinite plate"
@@ -162,7 +161,7 @@ def few_modes(
                     float(error[1]),
                     float(error[2]),
                     float(error[3]),
-                    model_error.expected_error(setup),
+                    setup.expected_error,
                 )
 
 

@@ -26,7 +26,6 @@ from benchmarks.scenes import load
 from hertzloop.cli.prepare import compile_first
 from hertzloop.cli.terminal import out
 from hertzloop.plant.contact.hertz import rigid_contact_time_s, rigid_peak_force_n
-from hertzloop.scene import model_error
 
 _SHORT = {"slope_threshold": "held", "constant": "switched"}
 _LAWS = tuple(_SHORT)
@@ -95,7 +94,7 @@ def outcome(law: str, accuracy: float, random: np.random.Generator) -> Outcome |
     return Outcome(
         law=law,
         asked=accuracy,
-        expected=model_error.expected_error(setup),
+        expected=setup.expected_error,
         found=found.largest,
         keys=as_options(keys),
     )

@@ -26,7 +26,6 @@ from hertzloop.plant.contact.hertz import (
 )
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.results.verification import Verification, against, finer_spec
-from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 
@@ -139,7 +138,7 @@ def _outcome(
     number: int, setup: Setup, keys: dict[str, Any], found: Verification, by_verify: Verification
 ) -> Outcome:
     spec = setup.plant
-    yields, expected = spec.contact.limit is not None, model_error.expected_error(setup)
+    yields, expected = spec.contact.limit is not None, setup.expected_error
     return Outcome(
         scene=number,
         contact="yields" if yields else f"e {getattr(setup.scene.contact, 'restitution', 1.0):g}",

@@ -18,7 +18,6 @@ from hertzloop.loop.run_options import OptionError, RunOptions
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.setup import Setup, parse, resolve
@@ -212,7 +211,7 @@ def simulate(scene: AnyScene) -> Run:
         return RunResult(
             metrics_of(setup, truth),
             setup.scene.controller.law,
-            model_error.expected_error(setup),
+            setup.expected_error,
             balance.injected_j,
             balance.dent_m,
         )

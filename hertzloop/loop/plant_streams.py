@@ -26,7 +26,6 @@ from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import STEP
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
@@ -194,7 +193,7 @@ class PlantStreams:
             **vars(closed),
             frequencies=len(plant.modes.omega),
             frequency_limit_hz=plant.spec.frequency_limit_hz,
-            expected_error=model_error.expected_error(self.setup),
+            expected_error=self.setup.expected_error,
         )
         self.publisher.send("balance", header)
         self.publisher.end()

@@ -1,6 +1,5 @@
 """The table `[controller]`: the law with its keys, and the path of its force."""
 
-from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated, Any, Literal
@@ -138,7 +137,6 @@ class ControllerTable(SceneTable):
         return self
 
 
-@lru_cache(maxsize=64)
 def without_law(table: ControllerTable) -> ControllerTable:
     line: dict[str, Any] = {name: getattr(table, name) for name in ControllerTable.model_fields}
     line |= {"law": NO_CONTROL, "law_digest": None}

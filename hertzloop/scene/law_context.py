@@ -33,7 +33,6 @@ def _law_force_bound(table: ControllerTable, law: Law) -> ForceBound:
         raise SceneError(str(error)) from error
 
 
-@lru_cache(maxsize=16)
 def resolve_law(
     mechanics: Mechanics, stiffness: float, path: SignalPath, sensor: SensorSpec, step_ns: int
 ) -> LawContext:

@@ -2,7 +2,6 @@
 
 import difflib
 from collections.abc import Mapping
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +28,6 @@ def material_values(table: Mapping[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in table.items() if key != "name" and value is not None}
 
 
-@lru_cache(maxsize=64)
 def find_material(given: MaterialKey, own: tuple[MaterialTable, ...]) -> Material:
     """A material by its numbers or its name, of the scene's own first."""
     if isinstance(given, str):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import (
@@ -24,15 +24,39 @@ from hertzloop.plant.structures.registry import STRUCTURES, Description, maker, 
 from hertzloop.plant.structures.structure import Structure, compared_as
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.plant_tables import PlantTables
+from hertzloop.scene.materials import find_material
 from hertzloop.scene.tables import (
+    ActuatorTable,
     AnyPlate,
+    AnySphere,
     ContactTable,
     HuntCrossleyContact,
+    MaterialTable,
     PlateBySizes,
     RelaxingContact,
     ViscousContact,
 )
+
+
+class PlantTables(NamedTuple):
+    """The tables of a scene that make its plant, with the point of the sensor."""
+
+    sphere: AnySphere
+    plate: AnyPlate
+    contact: ContactTable
+    actuator: ActuatorTable
+    materials: tuple[MaterialTable, ...] | None
+    sensor_point_m: Point | None
+
+    @property
+    def plate_material(self) -> Material:
+        """The material of the plate."""
+        return find_material(self.plate.material, self.materials or ())
+
+    @property
+    def sphere_material(self) -> Material:
+        """The material of the sphere."""
+        return find_material(self.sphere.material, self.materials or ())
 
 
 @dataclass(frozen=True, eq=False)

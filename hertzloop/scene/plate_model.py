@@ -61,7 +61,6 @@ def describe_plant(
     )
 
 
-@lru_cache(maxsize=16)
 def check_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> PlantSpec:
     """The plant with the modes of its structure. Raises SceneError if they are none or too many."""
     if spec.plate.mode_table is None:
@@ -70,7 +69,6 @@ def check_modes(spec: PlantSpec, step_ns: int, scheme: str, accuracy: float) -> 
     return spec
 
 
-@lru_cache(maxsize=16)
 def on_infinite_plate(spec: PlantSpec, step_ns: int) -> PlantSpec:
     """The plant with an infinite plate. Raises SceneError for one with no modes below its limit."""
     _check_lowest(spec.plate, spec.frequency_limit_hz, step_ns)

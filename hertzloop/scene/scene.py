@@ -11,7 +11,7 @@ from hertzloop.controller.loading.registry import find
 from hertzloop.scene.controller_table import DEFAULT_LAW, ControllerTable, is_recorded, without_law
 from hertzloop.scene.errors import shown
 from hertzloop.scene.materials import check_materials
-from hertzloop.scene.plant_tables import PlantTables
+from hertzloop.scene.mechanics import PlantTables
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.rules import problem_of
 from hertzloop.scene.tables import (

@@ -1,7 +1,5 @@
 """The data-acquisition channel: its quantity, range, filters and fault."""
 
-from functools import lru_cache
-
 from hertzloop.plant.contact.yielding import deepest_rigid_m
 from hertzloop.scene.mechanics import Mechanics
 from hertzloop.scene.quantities import SENSED, Expected
@@ -14,7 +12,6 @@ _FAULTY = 0.01  # of samples, where a scene does not say how many
 _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6
 
 
-@lru_cache(maxsize=16)
 def resolve_sensor(
     table: SensorsTable, mechanics: Mechanics, step_s: float, latency_us: float
 ) -> SensorSpec:

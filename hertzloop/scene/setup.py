@@ -13,11 +13,12 @@ from typing import Any
 from hertzloop.controller.controller import SignalPath
 from hertzloop.controller.law import LawContext
 from hertzloop.controller.loading.registry import NO_CONTROL
+from hertzloop.plant.estimates import model_order
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.controller_table import ControllerTable
-from hertzloop.scene.errors import SceneError
+from hertzloop.scene.errors import SceneError, fields_of
 from hertzloop.scene.infinite_plate import InfinitePlate
 from hertzloop.scene.law_context import law_force_bound, resolve_law
 from hertzloop.scene.loading import load as load_scene
@@ -27,11 +28,12 @@ from hertzloop.scene.plate_model import check_modes, describe_plant, on_infinite
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.sensor import resolve_sensor
 from hertzloop.scene.signal_path import keeps_force_smooth, resolve_signal_path
-from hertzloop.scene.tables import RunTable, SensorsTable
+from hertzloop.scene.tables import KINDS, RunTable, SensorsTable
 from hertzloop.scene.varying import resolution_of
 from hertzloop.scene.varying import vary as vary_scene
 from hertzloop.sensors.acquisition import SensorSpec
 
+_MATERIAL_KEYS = {"young_pa": "youngs_modulus_pa", "poisson": "poisson_ratio"}
 _PLAIN_SENSORS, _NO_CONTROL = SensorsTable(quantity="xi"), ControllerTable(law=NO_CONTROL)
 
 
@@ -77,6 +79,50 @@ class Setup:
     def infinite_plate(self) -> InfinitePlate:
         """An infinite plate in the place of the modes, whether or not it is used."""
         return _infinite_plate(self.scene, self.mechanics, self.signal_path)
+
+    @property
+    def expected_error(self) -> float:
+        """The relative error of penetration or plate energy that leaving out modes, or the
+        reflections, is expected to cost; under a law at least what the steps of its force do."""
+        spec = self.plant
+        if spec.infinite_plate:
+            return self.infinite_plate.error(self.run.duration_s - self.first_touch_s)
+        found = model_order.expected_error(
+            spec.sphere,
+            spec.plate,
+            spec.contact,
+            spec.frequency_limit_hz,
+            spring=spec.residual_flexibility,
+            damped=spec.damped_residual,
+        )
+        if not spec.residual_flexibility or spec.frequency_limit_hz == 0.0:  # a rigid body
+            return found
+        bound = self.infinite_plate.force_bound
+        hold_s = self.run.step_s * self.sensor.every_steps
+        return max(found, model_order.law_error(spec, bound.force_n, bound.share, hold_s))
+
+    def value_of(self, key: str) -> Any:
+        """Return the value of "table.key" in the unit of the key; None if there is none.
+
+        A key of another kind of the table has its default there. A limiting pressure, a loss factor
+        and properties of a material may follow from other keys.
+        """
+        table, _, last = key.partition(".")
+        if key == "contact.limiting_pressure_pa" and self.mechanics.contact.limit is not None:
+            return self.mechanics.contact.limit.pressure_pa
+        if key == "plate.loss_factor":
+            plate = self.mechanics.structure.local_plate
+            return None if plate is None else plate.eta
+        if key == "contact.stiffness_factor":
+            return self.scene.contact.stiffness_factor or 1.0
+        if table in ("plate", "sphere") and last.startswith("material."):
+            tables, name = self.scene.plant_tables, last.partition(".")[2]
+            material = tables.plate_material if table == "plate" else tables.sphere_material
+            return getattr(material, _MATERIAL_KEYS.get(name, name), None)
+        if table in KINDS and last in (fields := fields_of(KINDS[table].kinds())):
+            default = None if fields[last].is_required() else fields[last].default
+            return getattr(getattr(self.scene, table), last, default)
+        return getattr(getattr(self.scene, table, None), last, None)
 
     # Other setups.
 

@@ -1,7 +1,6 @@
 """The path of the force from the law to the actuator: converter, latency, jitter and drop-outs."""
 
 import math
-from functools import lru_cache
 
 from hertzloop.controller.controller import SignalPath
 from hertzloop.scene.controller_table import ControllerTable
@@ -22,7 +21,6 @@ def keeps_force_smooth(control: ControllerTable, sensors: SensorsTable, path: Si
     )
 
 
-@lru_cache(maxsize=16)
 def resolve_signal_path(
     table: ControllerTable, actuator: ActuatorTable, every_steps: int, step_ns: int
 ) -> SignalPath:

@@ -9,7 +9,6 @@ from typing import Any
 from hertzloop.fitting.errors import FitError
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.errors import fields_of, tables_at
-from hertzloop.scene.key_value import value_of_key
 from hertzloop.scene.setup import Setup
 
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
@@ -137,7 +136,7 @@ def start_value(setup: Setup, key: str) -> float:
         is_control_key(key) and setup.scene.controller.has_law
     ):
         _refuse_without_influence(setup, key)
-    found = value_of_key(setup, key)
+    found = setup.value_of(key)
     if _resolution_us(setup, key) is not None and (
         found == 0.0 or (found is None and last == "dead_time_us")
     ):

@@ -12,7 +12,6 @@ from pydantic import ValidationError
 from hertzloop.common.missing_files import why_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.scene.errors import SceneError, shown
-from hertzloop.scene.key_value import value_of_key
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.tables import FitTable
 from hertzloop.studies.cases.uncertain import UncertainInput, UncertainInputs
@@ -144,7 +143,7 @@ def _fitted(table: FitTable, setup: Setup, name: str) -> UncertainInput:
             f"{name}: the fit identified no key that can be drawn. Fit a record that tells more."
         )
     for i in known:
-        now = value_of_key(setup, table.keys[i])
+        now = setup.value_of(table.keys[i])
         if not isinstance(now, float | int) or abs(now / table.values[i] - 1.0) > _SAME:
             raise SceneError(
                 f"{table.keys[i]} = {shown(now)}: the fit found {table.values[i]:g}, so its "

@@ -12,7 +12,6 @@ from hertzloop.plant.estimates.model_order import beyond_m_n, energy_beyond
 from hertzloop.results.effects import EffectState, neglected_of_scene
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import Setup, load
 from tests.commands import succeed
 from tests.tiers import default
@@ -63,9 +62,9 @@ def test_an_infinite_plate_stands_for_the_rest(tmp_path):
         41e-6, 0.02
     )
     assert setup.plant.damped_residual
-    assert expected_error(setup) == 0.15
+    assert setup.expected_error == 0.15
     [found] = [one for one in neglected_of_scene(setup).checks if one.name == ROW]
-    assert found.value == expected_error(setup)
+    assert found.value == setup.expected_error
     assert found.state is EffectState.LEFT_OUT
     assert "the modes end at 462 Hz, and a contact of 41.2 us reaches 2.43e+04 Hz" in found.sentence
     assert re.search(r"right within 15 %.*9[5-8] % of the plate energy does not", found.sentence)
@@ -80,7 +79,7 @@ def test_a_spring_has_to_be_asked_for(flexibility, words, tmp_path):
     with pytest.raises(SceneError, match=r"reach up to 462 Hz, too low.*plate.tail = 'spring'"):
         build_plant(six(tmp_path, known))
     setup = six(tmp_path, known, "plate.tail=spring")
-    assert expected_error(setup) == 1.0
+    assert setup.expected_error == 1.0
     [found] = [one for one in neglected_of_scene(setup).checks if one.name == ROW]
     assert found.state is EffectState.OUT_OF_RANGE
     assert words in found.sentence
@@ -92,10 +91,10 @@ _PUSH = ("controller.law=constant", "controller.force_n=10", "controller.duratio
 
 @pytest.mark.parametrize("law", [(), _PUSH, ("controller.law=force_feedback",)])
 def test_a_rigid_support_leaves_out_nothing(tmp_path, law):
-    assert expected_error(rigid(tmp_path, *law)) == 0.0
-    assert expected_error(rigid(tmp_path, *law, "plate.thickness_m=0.003")) == 0.0
+    assert rigid(tmp_path, *law).expected_error == 0.0
+    assert rigid(tmp_path, *law, "plate.thickness_m=0.003").expected_error == 0.0
     unknown = rigid(tmp_path, *law, "plate.residual_flexibility_m_n=1e-9")
-    assert expected_error(unknown) == 1.0
+    assert unknown.expected_error == 1.0
 
 
 def test_a_rigid_body_has_no_damped_rest(tmp_path):

@@ -8,7 +8,6 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.modal import ModalPlant
-from hertzloop.scene.model_error import expected_error
 from hertzloop.scene.setup import Setup, load
 from tests.hertzloop.scenes import aluminium_3mm
 
@@ -71,7 +70,7 @@ def test_errors_of_both_models_of_the_truncated_modes(settings, limit_hz, spring
 
 def error(*settings: str) -> float:
     """The error that a run expects."""
-    return expected_error(aluminium_3mm(*settings))
+    return aluminium_3mm(*settings).expected_error
 
 
 def test_a_run_expects_what_the_steps_of_a_held_force_cost():

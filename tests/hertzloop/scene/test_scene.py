@@ -9,7 +9,6 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.metrics import metrics_of
 from hertzloop.results.verification import check_verifiable
-from hertzloop.scene import model_error
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT, load, parse, shipped
@@ -107,7 +106,7 @@ def test_auto_takes_an_infinite_plate_until_reflections_matter():
     setup = aluminium_3mm(until)
     assert setup.plate_model == "infinite"
     assert setup.plant.infinite_plate
-    assert model_error.expected_error(setup) <= setup.run.accuracy
+    assert setup.expected_error <= setup.run.accuracy
     assert setup.run.step_s < setup.infinite_plate.lasts_s() - 120e-6 < 100e-6
     for changed in (
         "run.duration_s=0.0012",
@@ -152,7 +151,7 @@ def test_accuracy_decides_how_many_modes():
         spec = setup.plant
         nyquist = 0.5 / spec.step_s
         assert spec.frequency_limit_hz <= nyquist
-        expected = model_error.expected_error(setup)
+        expected = setup.expected_error
         assert math.isclose(expected, accuracy) or spec.frequency_limit_hz == nyquist
         counts.append(spec.frequency_limit_hz)
     assert counts == sorted(counts)

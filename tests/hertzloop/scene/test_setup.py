@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from hertzloop.scene import keys, model_error
+from hertzloop.scene import keys
 from hertzloop.scene.controller import law_context, loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
@@ -24,7 +24,7 @@ FOLLOWING = {
     "infinite_plate_lasts_s": lambda setup: setup.infinite_plate.lasts_s(),
     "phase": lambda setup: setup.run.phase,
     "force_bound": lambda setup: setup.infinite_plate.force_bound,
-    "expected_error": model_error.expected_error,
+    "expected_error": lambda setup: setup.expected_error,
     "about": law_context,
 }
 # Values to try of keys that are not plain numbers, beside those that a key's kind names.

@@ -8,7 +8,6 @@ from typing import Any
 from hertzloop.results.cases import CASE_FACTS, CaseState
 from hertzloop.results.spans import Span
 from hertzloop.results.touch_phases import phases as spread_evenly
-from hertzloop.scene import model_error
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import effort_of
@@ -64,7 +63,7 @@ class CheckedRequirement:
 def digits_of(setup: Setup, metric: str, value: float) -> float:
     """Return the part of a metric that cannot be predicted, in its unit: what the expected error of
     the plate's model makes of it, at least the accuracy of the scene."""
-    error = max(setup.run.accuracy, model_error.expected_error(setup))
+    error = max(setup.run.accuracy, setup.expected_error)
     if metric.endswith("_db"):
         return (CASE_FACTS[metric].db or 10.0) * math.log10(1.0 + error)
     return 2.0 * error * abs(value)
