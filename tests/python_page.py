@@ -94,7 +94,9 @@ def entry(named: Any) -> list[str]:
     lines = [f"### `{heading}`", "", _summary(named), ""]
     rows = _rows(named, parts)
     where = ELSEWHERE.get(named.__name__, "")
-    if where or named.__name__ in RESULTS:
+    if where.startswith("[Metrics"):
+        lines += [f"Attributes: {where}.", ""]
+    elif where or named.__name__ in RESULTS:
         names = dict.fromkeys([*getattr(named, "__annotations__", ()), *rows])
         shown = ", ".join(f"`{name}`" for name in names if not name.startswith("_"))
         lines += [f"Attributes: {shown}." + (f" See {where}." if where else ""), ""]
