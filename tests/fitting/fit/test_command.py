@@ -67,7 +67,11 @@ def test_the_command_writes_json_scene_and_picture(tmp_path):
 
 
 _PAGE = Path(__file__).parents[3] / "docs" / "reference" / "fit-json.md"
-FIELDS = dict(re.findall(r"^\| `([^`]+)` \| ([^|]+) \|", _PAGE.read_text("utf-8"), re.M))
+FIELDS = {
+    name: kind
+    for names, kind in re.findall(r"^\| (`[^|]+`) \| ([^|]+) \|", _PAGE.read_text("utf-8"), re.M)
+    for name in re.findall(r"`([^`]+)`", names)
+}
 
 
 def is_number(value: Any) -> bool:
