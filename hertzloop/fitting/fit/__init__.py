@@ -8,7 +8,7 @@
 - `impact_simulator`: a `simulated_impact` for other values of the keys; `observed_signal` is what a
   sensor shows of it.
 - `problem_preparation`: the `problem`, which has `parameters`, residuals and their derivatives.
-- `solution`: the minimum, without outliers. It calls `minimise`, `whole_steps` and
+- `solution`: the minimum, without outliers. It calls `minimise`, `step_scan` and
   `discrepancy_estimate`.
 - `intervals`: what the records know of the keys.
 - `assessment`: what the fit leaves of the records, and whether the model fits.

@@ -39,9 +39,7 @@ class Channel:
         innovation: standard deviation of the noise that drives it, over `noise`.
         onset_s: time of the first sample of the impact, s.
         has_quiet_start: whether the record begins before the impact.
-        touch_s: time of the first touch, s, and `gain`, `offset`, `ppm` (error of the clock) and
-            `phase` (under a law, from the last sample of the sensor to the touch, in steps): as
-            first found.
+        touch_s: time of the first touch, s, and `gain` and `offset`, as first found.
         notes: sentences for the user.
         rejected: number of outliers.
         limited_by_simulation: whether the error of the simulation is larger than the noise.
@@ -71,8 +69,6 @@ class Channel:
     touch_s: float = math.nan
     gain: float = 1.0
     offset: float = 0.0
-    ppm: float = 0.0
-    phase: float = 0.5
     notes: list[str] = field(default_factory=list)
     rejected: int = 0
     limited_by_simulation: bool = False

@@ -26,7 +26,7 @@ from hertzloop.fitting.fit.problem_preparation import (
     unique_names,
 )
 from hertzloop.fitting.fit.results import FitResult, ModelVerdict
-from hertzloop.fitting.fit.whole_steps import expected_profile
+from hertzloop.fitting.fit.step_scan import expected_profile
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.quantities import QUANTITIES
 from hertzloop.fitting.records.record import Record

@@ -30,7 +30,7 @@ from hertzloop.fitting.fit.problem_preparation import (
 )
 from hertzloop.fitting.fit.results import FitResult, KeyVerdict
 from hertzloop.fitting.fit.solution import solve
-from hertzloop.fitting.fit.whole_steps import search_discrete_key
+from hertzloop.fitting.fit.step_scan import scan_steps
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
 
@@ -53,10 +53,8 @@ def leave_out_held(records: Sequence[Record], held: Sequence[Record]) -> list[Re
 def compare_hold_out(fitted: Setup, records: Sequence[Record], exact: bool) -> dict[str, Any]:
     """Compare records with the fitted scene; only their nuisances are found anew."""
     problem = prepare_problem(fitted, records, [])
-    if problem.looped:
-        problem = search_discrete_key(problem)
-    until_s = problem.windows_s()[-1]
-    iterate = minimise(problem, problem.start_vector(), until_s)
+    x = scan_steps(problem)[1] if problem.looped else problem.start_vector()
+    iterate = minimise(problem, x, problem.windows_s()[-1])
     found = solve(problem, iterate.x, [], exact)
     problem, plain = found.problem, found.exact_iterate()
     rows = np.concatenate([plain.residual[one.rows] for one in plain.channels])
@@ -150,8 +148,10 @@ def _fit_growing_windows(problem: FitProblem) -> _WindowsFit:
     """Fit the keys to growing parts of the records, each from the solution of the one before."""
     counter, keys = problem.counter, len(problem.varied_keys)
     if problem.looped:
-        problem = search_discrete_key(problem)
-    x = best_start(problem)
+        problem, x = scan_steps(problem)
+    else:
+        x = problem.start_vector()
+    x = best_start(problem, x)
     *early_ends, until_s = ends = problem.windows_s()
     shorter = []
     for i, end in enumerate(early_ends):

@@ -11,7 +11,7 @@ from hertzloop.fitting.fit.minimise import minimise
 from hertzloop.fitting.fit.parameters import prior_pulls
 from hertzloop.fitting.fit.problem import FitProblem, Iterate
 from hertzloop.fitting.fit.results import NORMAL, WIDEST, Estimate, KeyVerdict, half_width
-from hertzloop.fitting.fit.whole_steps import CHI_SQUARE_95, DiscreteProfile
+from hertzloop.fitting.fit.step_scan import CHI_SQUARE_95, StepProfile
 from hertzloop.scene.errors import SceneError
 
 _NULL = 1e-10  # of the largest singular value
@@ -160,7 +160,7 @@ def add_discrete_estimate(
     problem: FitProblem,
     estimates: list[Estimate],
     known: KeyUncertainty,
-    profile: DiscreteProfile | None,
+    profile: StepProfile | None,
 ) -> list[Estimate]:
     """Return the estimates with that of the discrete key, which widens the intervals of the
     others where several of its values are certain; the covariance gets a row of zeros for it."""

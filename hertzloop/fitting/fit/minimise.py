@@ -98,13 +98,12 @@ def _limit_step(problem: FitProblem, move: np.ndarray, places: np.ndarray) -> np
     return move * (0.3 / most) if most > 0.3 else move
 
 
-def best_start(problem: FitProblem) -> np.ndarray:
-    """Return the starting parameters, (parameters,).
+def best_start(problem: FitProblem, x: np.ndarray) -> np.ndarray:
+    """Return the starting parameters, (parameters,), by those of `start_vector` or of a scan.
 
     Several values of a limiting pressure are tried, as its gradient is zero above the elastic
     pressure of the impact.
     """
-    x = problem.start_vector()
     keys = [f.key for f in problem.varied_keys]
     if PRESSURE_KEY not in keys:
         return x

@@ -80,23 +80,13 @@ class FitParameters:
             if at.phase is not None
         }
 
-    @property
-    def clock_groups(self) -> list[list[int]]:
-        """Numbers of the channels that share a touch and a phase, group by group."""
-        groups: dict[int, list[int]] = {}
-        for index, at in enumerate(self.nuisance_indices):
-            groups.setdefault(at.shift, []).append(index)
-        return list(groups.values())
-
     def start_vector(self) -> np.ndarray:
         """Return the starting parameters."""
         indices = self.nuisance_indices
         found = np.zeros(max((max(at.all) for at in indices), default=-1) + 1)
         found[: len(self.varied_keys)] = [math.log(f.start) for f in self.varied_keys]
         for c, at in zip(self.channels, indices, strict=True):
-            found[[at.clock, at.gain, at.offset]] = c.ppm, c.gain, c.offset / c.peak
-            if at.phase is not None:
-                found[at.phase] = c.phase
+            found[[at.gain, at.offset]] = c.gain, c.offset / c.peak
         return found
 
     def key_values(self, x: np.ndarray) -> dict[str, float]:

@@ -177,15 +177,6 @@ class FitProblem(FitParameters):
         """Return the problem with some more keys held at a value."""
         return replace(self, fixed=self.fixed | values)
 
-    def of_channels(self, some: Sequence[int]) -> Self:
-        """Return the problem of some channels; all its keys have to be held."""
-        return replace(
-            self,
-            channels=[self.channels[i] for i in some],
-            simulators=[self.simulators[i] for i in some],
-            chains=[self.chains[i] for i in some],
-        )
-
     @property
     def longest_s(self) -> float:
         """From the touch to the last sample of the longest record, s."""

@@ -20,11 +20,7 @@ from hertzloop.fitting.fit.discrepancy_estimate import (
 from hertzloop.fitting.fit.minimise import minimise
 from hertzloop.fitting.fit.noise import robust_deviation
 from hertzloop.fitting.fit.problem import FitProblem, Iterate
-from hertzloop.fitting.fit.whole_steps import (
-    DiscreteProfile,
-    minimise_over_phases,
-    profile_discrete_key,
-)
+from hertzloop.fitting.fit.step_scan import StepProfile, fit_phases, profile_steps
 
 OUTLIER = 4.0  # robust deviations
 _MOST_OUTLIERS = 0.06
@@ -82,7 +78,7 @@ class Solution:
 
     problem: FitProblem
     iterate: Iterate
-    profile: DiscreteProfile | None
+    profile: StepProfile | None
     cost: float = math.inf
     shifts: Sequence[np.ndarray] = ()
 
@@ -134,10 +130,10 @@ def _solve_without_outliers(problem: FitProblem, x: np.ndarray) -> Solution:
     until_s = problem.windows_s()[-1]
     for rounds in range(_ROUNDS + 1):
         if problem.discrete_key is not None:
-            problem, iterate, profile = profile_discrete_key(problem, x, until_s)
-            x = iterate.x
+            problem, profile = profile_steps(problem, x, until_s)
+            x = profile.iterates[profile.best].x
         elif problem.looped:
-            x = minimise_over_phases(problem, x, until_s).x
+            x = fit_phases(problem, x, until_s).x
         enough: dict[str, Any] = {"steps": 12, "tolerance": 1e-4} if problem.has_discrepancy else {}
         iterate = minimise(problem, x, until_s, **enough)
         x = iterate.x
