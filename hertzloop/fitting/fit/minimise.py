@@ -5,12 +5,15 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import numpy as np
+import scipy
 
 from hertzloop.fitting.fit.free_keys import PRESSURE_KEY, FreeKey, drop_values, values_for_record
 from hertzloop.fitting.fit.problem import FitProblem, Iterate
 from hertzloop.scene.errors import SceneError
 
-_MOST_PHASE = 0.1  # periods that a step changes a phase by
+# Sizes of a first step: of logarithms of keys, of phases (periods), of clocks (ppm), of all others.
+_KEY_SIZE, _PHASE_SIZE, _CLOCK_SIZE, _LARGEST = 0.3, 0.1, 50.0, 1.0
+_STILL = 1e-7  # a step over its size, that ends a minimisation
 _PRESSURES = (0.25, 0.45, 0.7)  # starts, over the elastic pressure, above which nothing yields
 # The search for a lower minimum goes along the direction that a shorter window tells least.
 _BROADER = 8.0  # least standard deviation of a shorter window, over that of the whole record
@@ -29,12 +32,12 @@ def minimise(
     steps: int = 40,
     tolerance: float = 1e-7,
 ) -> Iterate:
-    """Minimise the squared residuals within the bounds by damped Gauss-Newton steps.
+    """Minimise the squared residuals within the bounds of the keys.
 
     Args:
         problem: what is fitted.
         x: where to start.
-        until_s: end of the window after the touch, s.
+        until_s: end of the window after the touch, s. The samples in it at the start are fitted.
         early: whether weak priors hold the keys near their start.
         steps: most steps.
         tolerance: relative fall of chi-square that ends it.
@@ -42,60 +45,43 @@ def minimise(
     Returns:
         The best point found, with its Jacobian.
     """
-    low = np.full(len(x), -np.inf)
-    high = np.full(len(x), np.inf)
-    for j, f in enumerate(problem.varied_keys):
-        low[j], high[j] = math.log(f.low), math.log(f.high)
+    low, high = problem.bounds()
     x = np.clip(x, low, high)
-    now = problem.evaluate(x, until_s, early)
-    damping = 1e-3
-    for _ in range(steps):
-        scale = np.sqrt(np.sum(now.jacobian**2, axis=0))
-        scale[scale == 0.0] = 1.0
-        gradient = now.jacobian.T @ now.residual
-        # Parameters that a bound holds do not take part.
-        held = ((x <= low) & (gradient > 0.0)) | ((x >= high) & (gradient < 0.0))
-        open_ = np.flatnonzero(~held)
-        j = now.jacobian[:, open_] / scale[open_]
-        improved = False
-        for _ in range(8):
-            big = np.concatenate([j, math.sqrt(damping) * np.eye(len(open_))])
-            wanted = np.concatenate([-now.residual, np.zeros(len(open_))])
-            move = np.linalg.lstsq(big, wanted, rcond=None)[0] / scale[open_]
-            new = x.copy()
-            new[open_] += _limit_step(problem, move, open_)
-            new = np.clip(new, low, high)
-            try:
-                tried = problem.evaluate(new, until_s, early, jacobian=False)
-            except SceneError:
-                damping *= 10.0
-                continue
-            # A touch beyond the record leaves no residual, but it explains nothing.
-            lost = tried.empty_channels > now.empty_channels
-            if tried.chi_square < now.chi_square and not lost:
-                improved = True
-                break
-            damping = max(damping * 6.0, 1e-6)
-        if not improved:
-            break
-        fall = now.chi_square - tried.chi_square
-        x = new
-        now = problem.evaluate(x, until_s, early)
-        damping = max(damping * 0.1, 1e-9)
-        if fall < tolerance * (1.0 + now.chi_square):
-            break
-    return now
+    window, size = problem.samples_until(x, until_s), _step_sizes(problem, x)
+    found = problem.evaluate(x, until_s, early, window=window)
+
+    def residual(z: np.ndarray) -> np.ndarray:
+        try:
+            moved = problem.evaluate(x + size * z, until_s, early, jacobian=False, window=window)
+        except SceneError:  # a value that the scene refuses
+            return np.full(len(found.residual), np.inf)
+        return moved.residual
+
+    def jacobian(z: np.ndarray) -> np.ndarray:
+        return size * problem.evaluate(x + size * z, until_s, early, window=window).jacobian
+
+    ended = scipy.optimize.least_squares(
+        residual,
+        np.zeros(len(x)),
+        jacobian,
+        ((low - x) / size, (high - x) / size),
+        method="dogbox",
+        ftol=tolerance,
+        xtol=_STILL,
+        max_nfev=2 * steps,
+    )
+    return problem.evaluate(x + size * ended.x, until_s, early, window=window)
 
 
-def _limit_step(problem: FitProblem, move: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """A step that changes no key by more than a third, and no phase by more than a tenth of its
-    period: beyond, derivatives mean little."""
-    for at, period in problem.phase_periods.items():
-        of_phase = places == at
-        move[of_phase] = np.clip(move[of_phase], -_MOST_PHASE * period, _MOST_PHASE * period)
-    keys = places < len(problem.varied_keys)
-    most = float(np.max(np.abs(move[keys]), initial=0.0))
-    return move * (0.3 / most) if most > 0.3 else move
+def _step_sizes(problem: FitProblem, x: np.ndarray) -> np.ndarray:
+    """Largest first steps: beyond, derivatives mean little."""
+    found = np.full(len(x), _LARGEST)
+    found[: len(problem.varied_keys)] = _KEY_SIZE
+    for place, period in problem.phase_periods.items():
+        found[place] = _PHASE_SIZE * period
+    for at in problem.nuisance_indices:
+        found[at.clock] = _CLOCK_SIZE
+    return found
 
 
 def best_start(problem: FitProblem, x: np.ndarray) -> np.ndarray:

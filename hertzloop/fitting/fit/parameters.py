@@ -89,6 +89,14 @@ class FitParameters:
             found[[at.gain, at.offset]] = c.gain, c.offset / c.peak
         return found
 
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lower and upper bounds of all parameters, (parameters,) each."""
+        high = np.full(len(self.start_vector()), np.inf)
+        low = -high
+        for j, f in enumerate(self.varied_keys):
+            low[j], high[j] = math.log(f.low), math.log(f.high)
+        return low, high
+
     def key_values(self, x: np.ndarray) -> dict[str, float]:
         """Return the scene keys at parameters `x`."""
         found = dict(self.fixed)

@@ -131,11 +131,6 @@ class Iterate:
         """Sum of the squared residuals, priors included."""
         return float(self.residual @ self.residual)
 
-    @property
-    def empty_channels(self) -> int:
-        """How many channels have no sample in the window."""
-        return sum(not np.any(c.counted) for c in self.channels)
-
     def pseudo_inverse(self, least: float = 1e-15) -> np.ndarray:
         """Pseudo-inverse of the Jacobian with columns of length one, scaled back; shape
         (parameters, rows). `least`: singular value that counts, over the largest."""
@@ -219,6 +214,7 @@ class FitProblem(FitParameters):
         early: bool = False,
         jacobian: bool = True,
         exact: bool = False,
+        window: Sequence[np.ndarray] | None = None,
     ) -> Iterate:
         """Return residuals and derivatives with the samples up to `until_s` after the touch.
 
@@ -228,16 +224,18 @@ class FitProblem(FitParameters):
             early: whether weak priors hold the keys near their start.
             jacobian: whether derivatives are wanted.
             exact: whether the model is taken as exact.
+            window: which samples of each channel count; by default those up to `until_s`.
 
         Raises:
             SceneError: a value that the scene refuses.
         """
+        inside = self.samples_until(x, until_s) if window is None else window
         parts, columns, channels, at = [], [], [], 0
         of_discrepancies, by_discrepancies = [], []
         for index, c in enumerate(self.channels):
-            predicted = self._predict(x, index, until_s)
-            used = c.kept & (predicted.tau <= until_s)
-            counted = c.counted(predicted.tau <= until_s)
+            predicted = self._predict(x, index, until_s, inside[index])
+            used = c.kept & inside[index]
+            counted = c.counted(inside[index])
             white = c.whitened(np.where(used, predicted.reading - c.value, 0.0))[counted]
             discrepancy = None if exact or not c.discrepancy else c.discrepancy.on_samples(counted)
             if discrepancy is not None:
@@ -248,7 +246,7 @@ class FitProblem(FitParameters):
             at += len(white)
             if not jacobian:
                 continue
-            block = self.derivatives(x, index, until_s, predicted)
+            block = self._derivatives(x, index, until_s, predicted, inside[index])
             block[~used] = 0.0
             white = c.whitened(block)[counted]
             if discrepancy is not None:
@@ -268,31 +266,34 @@ class FitProblem(FitParameters):
             slice(len(residual) - len(prior), len(residual)),
         )
 
-    def _predict(self, x: np.ndarray, index: int, until_s: float) -> Prediction:
-        """Return what channel `index` should read, up to `until_s` after the touch; zero beyond."""
+    def samples_until(self, x: np.ndarray, until_s: float) -> list[np.ndarray]:
+        """Return which samples of each channel are up to `until_s` after the touch, (samples,)."""
+        return [
+            c.after_touch_s(*self.nuisances(x, index)[:2]) <= until_s
+            for index, c in enumerate(self.channels)
+        ]
+
+    def _predict(self, x: np.ndarray, index: int, until_s: float, inside: np.ndarray) -> Prediction:
+        """Return what channel `index` should read at the samples `inside` a window; zero beyond."""
         touch_s, ppm, gain, offset = self.nuisances(x, index)
         tau = self.channels[index].after_touch_s(touch_s, ppm)
         seen = self.simulate_channel(index, self.key_values(x), until_s, self.phase(x, index))
-        inside = tau <= until_s
         value, slope = np.zeros(len(tau)), np.zeros(len(tau))
         value[inside], slope[inside] = seen.value(tau[inside]), seen.slope(tau[inside])
         return Prediction(value, slope, tau, gain * value + offset)
 
-    def derivatives(
-        self, x: np.ndarray, index: int, until_s: float, predicted: Prediction
+    def _derivatives(
+        self,
+        x: np.ndarray,
+        index: int,
+        until_s: float,
+        predicted: Prediction,
+        inside: np.ndarray,
     ) -> np.ndarray:
-        """Return the derivatives of a channel's readings, (samples, parameters).
-
-        Args:
-            x: parameters.
-            index: of the channel.
-            until_s: end of the window after the touch, s.
-            predicted: readings at the same parameters.
-        """
+        """Return the derivatives of a channel's readings, (samples, parameters)."""
         value, slope, tau, _ = predicted
         _, ppm, gain, _ = self.nuisances(x, index)
         channel, simulator = self.channels[index], self.simulators[index]
-        inside = tau <= until_s
 
         def readings(x: np.ndarray) -> np.ndarray:
             phase = self.phase(x, index)

@@ -158,8 +158,11 @@ def fit_phases(problem: FitProblem, x: np.ndarray, until_s: float) -> Iterate:
     """Return the best fit over all phases, from parameters `x`."""
     if not problem.phase_periods:
         return minimise(problem, x, until_s)
-    starts = _scan_phases(problem, x, until_s)[1]
-    found = [minimise(problem, one, until_s, steps=15, tolerance=1e-4) for one in starts]
+    found, held = [], replace(problem, phases_held=True)
+    for one in _scan_phases(problem, x, until_s)[1]:
+        if problem.varied_keys:
+            one = minimise(held, one, until_s, steps=8, tolerance=1e-3).x
+        found.append(minimise(problem, one, until_s, steps=15, tolerance=1e-4))
     return min(found, key=lambda iterate: iterate.chi_square)
 
 
@@ -169,7 +172,7 @@ def _scan_phases(
     """Fit the nuisances at the phases of a grid, with all keys held at those of `x`.
 
     Returns:
-        The least chi-square, and parameters at the phases with a minimum, the best first.
+        The least chi-square, and parameters at the most promising phases, the best first.
     """
     n = len(problem.varied_keys)
     held = replace(problem, fixed=problem.key_values(x), phases_held=True)
@@ -189,11 +192,13 @@ def _scan_phases(
             for one in tried
         ]
         cost += min(costs)
-        minima = [i for i, c in enumerate(costs) if c <= min(costs[i - 1], costs[i + 1 - _PHASES])]
-        minima.sort(key=lambda i: costs[i])
-        distinct = max(distinct, len(minima))
+        apart: list[int] = []  # the best phases that are no neighbours
+        for i in sorted(range(_PHASES), key=lambda i: costs[i]):
+            if all((i - other) % _PHASES not in (1, _PHASES - 1) for other in apart):
+                apart.append(i)
+        distinct = max(distinct, len(apart))
         places = sorted({place for i in channels for place in held.nuisance_indices[i].all})
         for rank, one in enumerate(starts):
-            best = tried[minima[min(rank, len(minima) - 1)]]
+            best = tried[apart[min(rank, len(apart) - 1)]]
             one[[n + place for place in places]] = best.x[places]
     return cost, starts[:distinct]
