@@ -47,6 +47,13 @@ def test_an_elastic_truth_leaves_the_limiting_pressure_open_above():
     assert found.model is ModelVerdict.FITS
 
 
+def test_a_limiting_pressure_is_found_from_a_start_at_which_nothing_yields():
+    """There chi-square has no gradient."""
+    start = scene(YIELDS[0], f"{PRESSURE}=2.5e9")
+    found = fitted(start, record(scene(*YIELDS), seed=1), PRESSURE, HEIGHT)
+    assert_holds(found, 8e8, 0.05)
+
+
 def test_noise_does_not_make_an_elastic_contact_yield():
     """In these three of 110 records the noise looks like yielding at the highest pressure."""
     seen = truth(scene(), "contact_force", 70e-6)
