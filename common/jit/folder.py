@@ -8,6 +8,7 @@ in it: nobody else may write there.
 
 import hashlib
 import os
+import platform
 import re
 import shutil
 import stat
@@ -26,6 +27,7 @@ import numba
 from numba import config, typeof
 
 from hertzloop.common.atomic_files import atomic_write
+from hertzloop.common.jit import shipped
 
 # A file that holds kernels imports one of these.
 _HOLDS_KERNELS = re.compile(
@@ -52,6 +54,8 @@ _CODE_SETTINGS = (
     "PARFOR_MAX_TUPLE_SIZE",
     "JIT_COVERAGE",
 )
+# Numba tells minor versions apart, and none of its kernels holds what a smaller one changes.
+_PYTHON = f"{sys.implementation.cache_tag} {platform.system()} {platform.machine()}"
 # The folder that holds hertzloop. `common` is a link in a clone, so it is resolved last.
 _ROOT = Path(__file__).absolute().parents[3].resolve()
 _ROOM = 64_000_000  # bytes: some times what is compiled for all scenes
@@ -87,6 +91,7 @@ def cache_folder() -> Path:
         make_private(base / name)
     if base != next(_places()):
         os.environ[_CHOSEN] = str(base)
+    shipped.unpack(code_digest(), base / name)
     if refused:
         message = f"hertzloop: compiled kernels are kept in {base}, since {'; '.join(refused)}"
         print(message, file=sys.stderr)
@@ -164,7 +169,7 @@ def make_private(folder: Path) -> None:
 def code_digest() -> str:
     """16 hex digits that change with any source of kernels, and with what compiles them."""
     digest = hashlib.sha256()
-    for what in (sys.version, numba.__version__, llvmlite.__version__, code_settings()):
+    for what in (_PYTHON, numba.__version__, llvmlite.__version__, code_settings()):
         digest.update(what.encode() + b"\0")
     for name, text in sorted(kernel_sources().items()):
         digest.update(name.encode() + b"\0" + hashlib.sha256(text).digest())

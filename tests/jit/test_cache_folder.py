@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numba
 import pytest
+from numba import config
+
+from hertzloop.common.jit import shipped
 
 ROOT = Path(__file__).parents[2]
 # Imports a kernel and says where it is kept.
@@ -155,3 +158,26 @@ def test_a_planted_pickle_does_not_run(homeless, tmp_path):
     with pytest.raises(AssertionError):
         where(homeless, ATTACKED)
     assert (tmp_path / "trace").exists()
+
+
+def test_shipped_kernels_are_unpacked_where_the_processor_serves(tmp_path, monkeypatch):
+    """Packed from one folder and unpacked into another they lie where Numba seeks them."""
+    kept = tmp_path / "kept"
+    places = dict(shipped._places(kept))
+    for name in ("hertzloop.plant.contact", "laws_compiled"):
+        places[name].mkdir(parents=True)
+        (places[name] / "a.nbc").write_bytes(b"code")
+    (kept / ".compiled-all").touch()
+    monkeypatch.setattr(shipped, "SHIPPED", tmp_path / "package" / shipped.SHIPPED.name)
+    shipped.pack("digest", kept, tmp_path / "package")
+
+    monkeypatch.setattr(config, "CPU_NAME", "haswell")  # asked for by the user
+    shipped.unpack("digest", tmp_path)
+    assert not (tmp_path / ".compiled-all").exists()
+    monkeypatch.setattr(config, "CPU_NAME", shipped.LEVEL)
+    monkeypatch.setattr(config, "CPU_FEATURES", "")
+    for _ in range(2):
+        shipped.unpack("digest", tmp_path)
+        found = {name for name, place in shipped._places(tmp_path) if place.is_dir()}
+        assert found == {"hertzloop.plant.contact", "laws_compiled"}
+    assert (tmp_path / ".compiled-all").exists()
