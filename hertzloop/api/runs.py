@@ -18,9 +18,8 @@ from hertzloop.loop.run_options import OptionError, RunOptions
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.time_series import TRUTH
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.scene import Scene
-from hertzloop.scene.setup import Setup, parse, resolve
+from hertzloop.scene.setup import Setup, resolve
 from hertzloop.views.labels import FORCE_LABEL, HELD, sensed_label
 
 if TYPE_CHECKING:
@@ -300,7 +299,7 @@ def read(recording: str | Path) -> Run:
     from hertzloop.recordings.writer import RecordingError
     from hertzloop.results.inspection import recorded_result
     from hertzloop.results.metrics import metrics_of
-    from hertzloop.results.recorded import law_of, pacing_of, truth_of, why_not_repeatable
+    from hertzloop.results.recorded import law_of, pacing_of, setup_of, truth_of, why_not_repeatable
     from hertzloop.views.run_json import pacing_as_json
 
     found = read_recording(Path(recording))
@@ -308,12 +307,7 @@ def read(recording: str | Path) -> Run:
         raise RecordingError(
             f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
         )
-    try:
-        setup = parse(found.scene_toml, recorded=True)
-    except SceneError as error:
-        words = f"{recording}: its scene cannot be simulated here: {error}{found.other_version}"
-        raise RecordingError(words) from error
-    truth, law, pacing = truth_of(found), law_of(found), pacing_of(found)
+    setup, truth, law, pacing = setup_of(found), truth_of(found), law_of(found), pacing_of(found)
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]
     columns = {name: found.truth.arrays[name] for name in names}
     commanded = found.force.arrays.get("force_n", np.empty(0))

@@ -11,9 +11,9 @@ from hertzloop.cli.terminal import fail, out, say_problems
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.listening import write_sounds
+from hertzloop.results.recorded import setup_of
 from hertzloop.scene.errors import SceneError
 from hertzloop.views.format import Table
-from hertzloop.views.replaying import scene_of
 
 
 def listen(
@@ -49,7 +49,7 @@ def listen(
     say_problems(recording)
     outputs.make_folder(folder)
     try:
-        data = write_sounds(recording, scene_of(recording), folder, distance, slow, tail)
+        data = write_sounds(recording, setup_of(recording), folder, distance, slow, tail)
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
     _print_sounds(data)

@@ -31,9 +31,9 @@ from hertzloop.processes.record import told_where
 from hertzloop.processes.roles import BusAddress, default_endpoints
 from hertzloop.processes.signals import INTERRUPTED
 from hertzloop.recordings.reader import read
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.scene.setup import parse
 from hertzloop.warmup import CASES, Work, anything_compiled
 
 # Endpoints of the protocols that zenoh has here.
@@ -127,6 +127,7 @@ def _duration(duration_s: float) -> str:
 def _print_recorded(path: Path) -> None:
     """Print what a recording has, its verdict, and the next command."""
     from hertzloop.results.inspection import inspected
+    from hertzloop.results.recorded import setup_of
     from hertzloop.views.report import next_lines
     from hertzloop.views.verdict import verdict_sentences
 
@@ -134,12 +135,12 @@ def _print_recorded(path: Path) -> None:
     truth = recording.truth
     out.say(f"Complete: {_duration(truth.samples * truth.step_ns * 1e-9)} in {path}.")
     try:
-        setup = parse(recording.scene_toml, recorded=True)
+        setup = setup_of(recording)
         prepare.compile_first(setup, works=CASES)
         found = inspected(recording, against_none=True, setup=setup)
         verdict = verdict_sentences(found.assessment) if found.assessment else found.problems
-    except SceneError as error:
-        verdict = [f"No verdict, as the run cannot be assessed on this computer: {error}"]
+    except (RecordingError, SceneError) as error:
+        verdict = [f"No verdict: {error}"]
     for sentence in verdict:
         out.say(sentence)
     for line in next_lines(str(path)):

@@ -16,8 +16,8 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.repair import repair as repair_file
 from hertzloop.recordings.writer import RecordingError
+from hertzloop.results.recorded import setup_of
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import parse
 from hertzloop.scene.toml import to_toml
 
 if TYPE_CHECKING:
@@ -30,10 +30,9 @@ if TYPE_CHECKING:
 def scene_to_run(recording: Recording) -> "Setup":
     """Return the scene of a recording; end the command if it cannot be simulated here."""
     try:
-        return parse(recording.scene_toml)
-    except SceneError as error:
-        words = f"the scene of {recording.path} cannot be simulated here: {error}"
-        fail(words + recording.other_version)
+        return setup_of(recording, to_run=True)
+    except RecordingError as error:
+        fail(str(error))
 
 
 def repeat_or_fail(recording: Recording, setup: "Setup") -> RepeatedRun:
@@ -176,9 +175,9 @@ def _horizon(recording: Recording, tolerance: float) -> int | None:
     from hertzloop.results.predictability import horizon_step
 
     try:
-        return horizon_step(parse(recording.scene_toml), tolerance)
-    except SceneError as error:
-        err.say(f"compared to the end, as the run cannot be repeated here: {error}")
+        return horizon_step(setup_of(recording, to_run=True), tolerance)
+    except (RecordingError, SceneError) as error:
+        err.say(f"compared to the end: {error}")
         return None
 
 
@@ -268,8 +267,8 @@ def repair(
 def _of_announced(repaired: Path) -> str:
     """Return how long the run of a recovered recording was to be; "" if its scene is unknown."""
     try:
-        return f" of {quantity(parse(read(repaired).scene_toml).run.duration_s, 's')}"
-    except (RecordingError, SceneError):
+        return f" of {quantity(setup_of(read(repaired)).run.duration_s, 's')}"
+    except RecordingError:
         return ""
 
 

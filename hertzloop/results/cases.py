@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import lru_cache
 from operator import attrgetter
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from hertzloop.results.effects import EffectState, names_by_state
 from hertzloop.results.facts import Level, described, fact, facts_of
 from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of
 from hertzloop.results.run_context import RunContext
-from hertzloop.results.span_metrics import SPAN_FACTS, SpanMetrics, changes_db, of_impact
+from hertzloop.results.span_metrics import SPAN_FACTS, SpanMetrics, decibels, of_impact
 from hertzloop.results.spans import Span, follow
 from hertzloop.results.stability import Stability, stability_of
 from hertzloop.results.statistics import extremes_of
@@ -50,14 +49,13 @@ class CaseFailed(SceneError):
 
 @dataclass(frozen=True)
 class _Case:
-    """What the metrics of a case are taken from: `change` in dB by name, effects by state."""
+    """What the metrics of a case are taken from, `free` without control; effects by state."""
 
     setup: Setup
     run: SimulatedRun
     metrics: SpanMetrics
     first: ImpactMetrics
     free: SpanMetrics
-    change: SimpleNamespace
     stability: Stability
     effects: dict[EffectState, str]
 
@@ -77,9 +75,10 @@ def _impulse_n_s(case: _Case) -> float:
 
 def _change_of(name: str, shown: bool = False) -> Any:
     """The fact that is the change of another one against no control, dB."""
-    about = SPAN_FACTS[name]
+    about, value = SPAN_FACTS[name], attrgetter(name)
     return fact(f"change of the {about.label}, dB", about.label, "dB", about.db,
-                of=attrgetter(f"change.{name}"), level=Level.BRIEF if shown else Level.DATA,
+                of=lambda case: decibels(value(case.metrics), value(case.free), about.db),
+                level=Level.BRIEF if shown else Level.DATA,
                 less_is_better=True)  # fmt: skip
 
 
@@ -191,8 +190,7 @@ def metrics_of_case(setup: Setup, span: Span = "impact") -> CaseMetrics:
     metrics, impacts, end = _metrics(setup, span, run.truth)
     left_out = _left_out(setup, run.truth[:, :end], [one.impact for one in impacts])
     free = uncontrolled(setup, span)
-    change = SimpleNamespace(**changes_db(metrics, free))
-    case = _Case(setup, run, metrics, impacts[0], free, change, found, left_out)
+    case = _Case(setup, run, metrics, impacts[0], free, found, left_out)
     return CaseMetrics(*(one.of(case) for one in CASE_FACTS.values() if one.of))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.recordings.recording import Event, Recording, SampledStream
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.metric_rows import Rows, metric_rows
 from hertzloop.results.metrics import Metrics, RunResult, Saturation, free_metrics, metrics_of
 from hertzloop.results.model import Yield, yield_of
@@ -19,12 +20,12 @@ from hertzloop.results.recorded import (
     law_of,
     missing_from,
     pacing_of,
+    setup_of,
     truth_of,
     why_not_repeatable,
 )
 from hertzloop.results.touch_phases import at_other_phases
-from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import Setup, parse
+from hertzloop.scene.setup import Setup
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def inspected(
     law, pacing, yielded = law_of(recording), pacing_of(recording), yield_of(recording.balance)
     bare = Inspected(recording, recording.problems, law, pacing, yielded)
     try:
-        setup = setup or parse(recording.scene_toml, recorded=True)
+        setup = setup or setup_of(recording)
         problem = _contradiction(recording.truth, setup)
         if not problem:
             with np.errstate(all="ignore"):
@@ -121,8 +122,8 @@ def inspected(
                 free = free_metrics(setup) if against_none else None
                 found = assess(setup, result, free, why_not_repeatable(recording, most_work))
             return replace(bare, assessment=found)
-    except (SceneError, RecursionError) as error:
-        problem = f"the scene inside cannot be read: {error}{recording.other_version}"
+    except RecordingError as error:
+        problem = str(error)
     except (ArithmeticError, ValueError) as error:
         problem = f"no metrics follow from what was recorded: {error}"
     return replace(bare, problems=[*recording.problems, problem])

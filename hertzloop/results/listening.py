@@ -46,7 +46,7 @@ def radiator_of(setup: Setup) -> Radiator:
     omega_max = 2.0 * math.pi * limit_hz
     modes = structure.modes(omega_max, spec.contact_point_m, spec.actuator_point_m)
     x, y, shapes = _shapes_of(setup, omega_max)
-    cells = np.outer(_widths(x), _widths(y)).ravel()
+    cells = np.outer(np.gradient(x), np.gradient(y)).ravel()  # area of each place
     volume_m2 = shapes.reshape(len(modes.omega), -1) @ cells
     heard = abs(volume_m2) > _SILENT * np.max(abs(volume_m2), initial=0.0)
     return Radiator(
@@ -93,13 +93,6 @@ def _half_wave_m(structure: Structure, omega_max: float) -> float:
 def _midpoints(length: float, spacing: float) -> np.ndarray:
     count = min(max(_NODES[0], math.ceil(length / spacing)), _NODES[1])
     return (np.arange(count) + 0.5) * (length / count)
-
-
-def _widths(x: np.ndarray) -> np.ndarray:
-    """Return the length that each place of an axis stands for, m."""
-    inner = 0.5 * (x[1:] + x[:-1])
-    first, last = 1.5 * x[0] - 0.5 * x[1], 1.5 * x[-1] - 0.5 * x[-2]
-    return np.diff(np.concatenate([[first], inner, [last]]))
 
 
 def drive_of(setup: Setup, truth: np.ndarray) -> Excitation:

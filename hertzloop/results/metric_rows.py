@@ -15,8 +15,14 @@ from hertzloop.results.predictability import (
     errors_of,
     later_impacts_known,
 )
-from hertzloop.results.span_metrics import FACTS, SPAN_FACTS, RunMetrics, SpanName, decibels
-from hertzloop.results.touch_phases import SAME_PHASE, OtherPhases
+from hertzloop.results.span_metrics import (
+    FACTS,
+    SPAN_FACTS,
+    RunMetrics,
+    SpanName,
+    ValuesBySpan,
+    decibels,
+)
 
 
 @dataclass(frozen=True)
@@ -112,7 +118,7 @@ def metric_rows(
     result: RunResult,
     free: Metrics | None,
     known: Predictability,
-    phases: OtherPhases = SAME_PHASE,
+    phases: Sequence[ValuesBySpan] = (),
 ) -> list[MetricRow]:
     """Return the metrics of a run beside those without control.
 
@@ -138,19 +144,13 @@ def uncertain_values(
     metrics: Metrics,
     model_error: float | None,
     known: Sequence[ImpactErrors] | None,
-    phases: OtherPhases = SAME_PHASE,
+    phases: Sequence[ValuesBySpan] = (),
 ) -> UncertainValues:
     """Return the metrics of one run with their errors and ranges, by span and name."""
-    first = vars(metrics.first_impact) if metrics.first_impact else {}
-    noise = vars(metrics.noise[0]) if metrics.noise else {}
-    whole = vars(metrics.whole_run) if metrics.whole_run else {}
-    spans: tuple[tuple[SpanName, Mapping[str, float], Sequence[Mapping[str, float]]], ...] = (
-        ("first_impact", noise | first, phases.first_impact),
-        ("whole_run", whole, phases.whole_run),
-    )
     certain = later_impacts_known(metrics.by_impact, known)
     found = {}
-    for span, values, others in spans:
+    for span, values in metrics.by_span.items():
+        others = [each[span] for each in phases if each[span]]
         for name, one in FACTS[span].items():
             value = float(values.get(name, math.nan))
             error = _grown_error(known, span, name, one)

@@ -11,7 +11,7 @@ from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.effects import Neglected, neglected
 from hertzloop.results.impacts import impacts_of
-from hertzloop.results.span_metrics import SpanMetrics, of_impact, values_of
+from hertzloop.results.span_metrics import SpanMetrics, ValuesBySpan, by_span, of_impact, values_of
 from hertzloop.results.stability import Stability, stability_of
 from hertzloop.results.statistics import (
     ActuatorDemand,
@@ -56,6 +56,11 @@ class Metrics:
     def by_impact(self) -> list[dict[str, float]]:
         """The metrics of each impact by name; see `values_of`."""
         return values_of(self.impacts, self.noise)
+
+    @property
+    def by_span(self) -> ValuesBySpan:
+        """The metrics of the first impact and of the whole run by name."""
+        return by_span(self.first_impact, self.noise[0] if self.noise else None, self.whole_run)
 
 
 @dataclass(frozen=True)

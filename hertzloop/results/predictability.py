@@ -163,9 +163,6 @@ class Predictability:
     disturbance: float = DISTURBANCE
 
 
-NOTHING_KNOWN = Predictability(None, None, None)
-
-
 def predictability(
     setup: Setup,
     result: RunResult,

@@ -8,6 +8,7 @@ import numpy as np
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.plant.time_series import TRUTH, XI_A, XI_P
 from hertzloop.recordings.recording import Recording
+from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, parse
 
@@ -27,6 +28,19 @@ def truth_of(recording: Recording) -> np.ndarray:
     if "xi_a_m" not in stream.arrays:
         truth[XI_A] = truth[XI_P]
     return truth
+
+
+def setup_of(recording: Recording, to_run: bool = False) -> Setup:
+    """Return the setup of a recorded run; `to_run`: with its law, which may not be there any more.
+
+    Raises:
+        RecordingError: The scene cannot be read or simulated by this version.
+    """
+    try:
+        return parse(recording.scene_toml, recorded=not to_run)
+    except (SceneError, RecursionError) as error:
+        words = f"the scene of {recording.path} cannot be simulated here: {error}"
+        raise RecordingError(words + recording.other_version) from error
 
 
 def missing_from(recording: Recording, setup: Setup) -> int | None:
@@ -76,8 +90,8 @@ def law_of(recording: Recording) -> RecordedLaw:
 def _law_of_scene(recording: Recording) -> str | None:
     """Of recordings that do not say more."""
     try:
-        return parse(recording.scene_toml, recorded=True).scene.controller.law
-    except (SceneError, RecursionError):
+        return setup_of(recording).scene.controller.law
+    except RecordingError:
         return None
 
 
@@ -94,9 +108,9 @@ def why_not_repeatable(recording: Recording, most_work: float = MOST_WORK) -> st
     if recording.balance.frequencies * recording.truth.samples > most_work:
         return "it takes too long to simulate this run again"
     try:
-        parse(recording.scene_toml)
-    except (SceneError, RecursionError) as error:
-        return f"the run cannot be simulated here: {error}"
+        setup_of(recording, to_run=True)
+    except RecordingError as error:
+        return str(error)
     return ""
 
 

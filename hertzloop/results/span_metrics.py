@@ -108,6 +108,15 @@ _TAKEN = [one.of or attrgetter(f"noise.{name}") for name, one in SPAN_FACTS.item
 
 
 Values = dict[str, float]
+ValuesBySpan = dict[SpanName, Values]
+
+
+def by_span(
+    first: SpanMetrics | None, noise: ImpactNoise | None, whole: SpanMetrics | None
+) -> ValuesBySpan:
+    """Return the metrics of a run by span and name; `noise`: of the first impact."""
+    found, sound, run = (vars(one) if one else {} for one in (first, noise, whole))
+    return {"first_impact": sound | found, "whole_run": run}
 
 
 def values_of(impacts: Sequence[Impact], noise: Sequence[ImpactNoise] = ()) -> list[Values]:
@@ -140,28 +149,3 @@ def decibels(value: float, reference: float, factor: float = 10.0) -> float:
     """`factor` times lg of a ratio; nan where it has no logarithm."""
     ratio = value / reference if reference else math.nan
     return factor * math.log10(ratio) if ratio > 0.0 else math.nan
-
-
-def changes_db(value: SpanMetrics, reference: SpanMetrics) -> dict[str, float]:
-    """By how many dB energies (10 lg) and amplitudes (20 lg) differ, by the metrics' names."""
-    ours, theirs = vars(value), vars(reference)
-    return {
-        name: decibels(ours[name], theirs[name], one.db)
-        for name, one in SPAN_FACTS.items()
-        if one.db
-    }
-
-
-def change_db(
-    value: float,
-    reference: float,
-    factor: float = 10.0,
-    error: float = 0.0,
-    reference_error: float = 0.0,
-) -> tuple[float, float]:
-    """A ratio in dB, nan where there is none, and its error by those of both numbers."""
-    change = decibels(value, reference, factor)
-    if math.isnan(change):
-        return math.nan, math.nan
-    wrong = error / abs(value) + reference_error / abs(reference)
-    return change, factor / math.log(10.0) * wrong

@@ -4,19 +4,18 @@ A digital law answers in whole samples, so a metric at one phase is one end of a
 begin anywhere between two samples. A run is repeated at phases spread evenly over a step.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.plant.plant import modes_of
 from hertzloop.results.impacts import first_impact, impacts_of
 from hertzloop.results.metrics import RunResult
 from hertzloop.results.predictability import Predictability, later_impacts_known
-from hertzloop.results.span_metrics import SpanMetrics, of_impact
+from hertzloop.results.span_metrics import ValuesBySpan, by_span, of_impact
 from hertzloop.results.spans import follow
 from hertzloop.results.whole_run import audible_modes, whole_run
 from hertzloop.scene.errors import SceneError
@@ -56,31 +55,20 @@ def spread_of(values: Any) -> Spread:
         return Spread(float(np.mean(found)), float(np.min(found)), float(np.max(found)))
 
 
-@dataclass(frozen=True)
-class OtherPhases:
-    """Metrics of a run at other touch phases, by the name of the metric.
-
-    Attributes:
-        first_impact: metrics of the first impact, one mapping for each phase; empty if the touch
-            phase changes nothing, or if the run cannot be repeated.
-        whole_run: the same of the whole run; empty also where later impacts are not predictable,
-            and where the repeats take long.
-    """
-
-    first_impact: tuple[Mapping[str, float], ...] = ()
-    whole_run: tuple[Mapping[str, float], ...] = ()
-
-
-SAME_PHASE = OtherPhases()
-
-
-def at_other_phases(setup: Setup, result: RunResult, known: Predictability) -> OtherPhases:
+def at_other_phases(
+    setup: Setup, result: RunResult, known: Predictability
+) -> Sequence[ValuesBySpan]:
     """Repeat a run at other touch phases, in one compiled loop.
 
     Args:
         setup: The setup of the run.
         result: The run. If its forces were late, the changes of the same run in lock-step count.
         known: How well its impacts can be known.
+
+    Returns:
+        The metrics at each phase; none if the touch phase changes nothing, or if the run cannot be
+        repeated. Those of the whole run are empty where later impacts are not predictable, and
+        where the repeats take long.
     """
     metrics = result.metrics
     if (
@@ -89,11 +77,11 @@ def at_other_phases(setup: Setup, result: RunResult, known: Predictability) -> O
         or metrics.stability.unstable
         or known.why_not
     ):
-        return SAME_PHASE
+        return ()
     own = setup.with_plate_model(setup.plate_model)
     others = [phase for phase in phases() if abs(phase - setup.run.phase) > 1e-9]
     if own.refusal({TOUCH_PHASE_KEY: others[0]}):  # the run does not begin in flight
-        return SAME_PHASE
+        return ()
     work = setup.run.steps * (len(modes_of(setup.plant).omega) + _STEP_WORK)
     whole = (
         result.complete
@@ -105,24 +93,13 @@ def at_other_phases(setup: Setup, result: RunResult, known: Predictability) -> O
         found = [_at_phase(own, phase, whole) for phase in others]
         if result.late:
             in_lock_step = _at_phase(own, setup.run.phase, whole)
-            ran = _spans(metrics.first_impact, metrics.noise[0], metrics.whole_run)
-            found = [_shifted(one, in_lock_step, ran) for one in found]
+            found = [_shifted(one, in_lock_step, metrics.by_span) for one in found]
     except SceneError:  # the law stops at another phase, or a phase has no impact
-        return SAME_PHASE
-    return OtherPhases(
-        tuple(first for first, _ in found), tuple(run for _, run in found if run and whole)
-    )
+        return ()
+    return found
 
 
-Values = Mapping[str, float]
-_Spans = tuple[Values, Values]  # of the first impact, and of the whole run
-
-
-def _spans(first: SpanMetrics, noise: ImpactNoise, whole: SpanMetrics | None) -> _Spans:
-    return vars(noise) | vars(first), vars(whole) if whole else {}
-
-
-def _at_phase(setup: Setup, phase: float, whole: bool) -> _Spans:
+def _at_phase(setup: Setup, phase: float, whole: bool) -> ValuesBySpan:
     """Return the metrics of a run at a touch phase. Raises SceneError."""
     setup = setup.vary({TOUCH_PHASE_KEY: phase})
     truth = simulate(setup).truth if whole else follow(setup, "impact")[1].truth
@@ -133,10 +110,10 @@ def _at_phase(setup: Setup, phase: float, whole: bool) -> _Spans:
     if whole:
         found = impacts_of(setup, truth, audible_modes(setup.plant))
         run = whole_run(setup.plant, truth, [one.impact for one in found])
-    return _spans(of_impact(first), first.noise, run)
+    return by_span(of_impact(first), first.noise, run)
 
 
-def _shifted(found: _Spans, reference: _Spans, ran: _Spans) -> _Spans:
+def _shifted(found: ValuesBySpan, reference: ValuesBySpan, ran: ValuesBySpan) -> ValuesBySpan:
     """Return the metrics of a run that ran as `ran`, changed as `found` is from `reference`; what
     is positive stays so."""
 
@@ -144,8 +121,7 @@ def _shifted(found: _Spans, reference: _Spans, ran: _Spans) -> _Spans:
         changed = own + value - lock_step
         return max(changed, 0.0) if min(own, value, lock_step) >= 0.0 else changed
 
-    def of_span(span: int) -> Values:
-        own, lock_step = ran[span], reference[span]
-        return {k: shifted(own[k], value, lock_step[k]) for k, value in found[span].items()}
-
-    return of_span(0), of_span(1)
+    return {
+        span: {k: shifted(ran[span][k], v, reference[span][k]) for k, v in values.items()}
+        for span, values in found.items()
+    }

@@ -26,6 +26,7 @@ from hertzloop.scene.tables import (
     SceneTable,
     SensorsTable,
 )
+from hertzloop.scene.toml import to_toml
 
 _LONGEST = 80  # letters of a name
 _NAME = re.compile(r"[^\W_][\w.-]*")
@@ -82,6 +83,10 @@ class Scene(SceneTable):
             self.materials,
             self.sensors.point_m,
         )
+
+    def __str__(self) -> str:
+        """The scene as TOML, without the contents of the files that it names."""
+        return to_toml(self, brief=True)
 
     def without_control(self) -> "Scene":
         """The same scene with the law switched off."""

@@ -2,12 +2,10 @@
 
 import json
 import tomllib
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import tomli_w
-
-if TYPE_CHECKING:
-    from hertzloop.scene.scene import Scene
+from pydantic import BaseModel
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -32,7 +30,7 @@ def toml_text(value: Any) -> str:
     return value if bare else json.dumps(value)
 
 
-def to_toml(scene: "Scene", law: str | None = None, brief: bool = False) -> str:
+def to_toml(scene: BaseModel, law: str | None = None, brief: bool = False) -> str:
     """Return a scene as TOML, every key written out; `law`: another reference to the same law;
     `brief`: without what files of modes and of latencies hold."""
     tables = scene.model_dump(exclude_none=True)

@@ -17,17 +17,17 @@ from hertzloop.recordings.replay.replay_data import ReplayData, ReplayLabels, ch
 from hertzloop.recordings.replay.replay_data import prepare as prepare_replay
 from hertzloop.recordings.replay.screenshot import screenshot
 from hertzloop.recordings.replay.spectrum import spectrum
-from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.curves import Overlay, overlay
 from hertzloop.results.deflection import deflection
 from hertzloop.results.inspection import inspected
-from hertzloop.results.recorded import pacing_of, truth_of
+from hertzloop.results.recorded import pacing_of, setup_of, truth_of
 from hertzloop.results.stability import stability_of
 from hertzloop.scene.build import free_series
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.setup import Setup, parse
+from hertzloop.scene.setup import Setup
 from hertzloop.views import provenance
+from hertzloop.views.digits import shown_unit
 from hertzloop.views.pacing import lateness_sentences
 from hertzloop.views.verdict import verdict_sentences
 
@@ -39,7 +39,6 @@ _ENERGIES = {
     "contact": "contact",
     "fed": "fed in by actuator",
 }
-_PREFIXES = ((1.0, "J"), (1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ"))
 
 
 def replay(
@@ -96,7 +95,7 @@ def prepare(
         RecordingError: There is nothing to replay, or the scene inside cannot be read.
     """
     check_replayable(recording)
-    setup = scene_of(recording)
+    setup = setup_of(recording)
     contacts = contacts_of(recording.truth)
     plate = deflection(setup, recording, contacts=contacts)
     reference: _Reference | None = None
@@ -116,15 +115,6 @@ def prepare(
     labels = _labels(recording, setup, contacts, reference, lines)
     labels = dataclasses.replace(labels, lines=[*sentences, *labels.lines])
     return prepare_replay(recording, plate, labels, contacts)
-
-
-def scene_of(recording: Recording) -> Setup:
-    """Return the recorded scene. Raises RecordingError."""
-    try:
-        return parse(recording.scene_toml, recorded=True)
-    except SceneError as error:
-        words = f"the scene in {recording.path} cannot be read: {error}{recording.other_version}"
-        raise RecordingError(words) from error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,7 +145,7 @@ def _other_recording(
 ) -> tuple[_Reference, list[str]]:
     """Return another recording to compare with, and lines that name both."""
     check_replayable(other)
-    theirs = scene_of(other)
+    theirs = setup_of(other)
     found = overlay(theirs, truth_of(other), _OF_REFERENCE)
     curves, shift_ns = _curves(found, theirs.run.step_ns, _touch_ns(recording, contacts), "B")
     lines = [
@@ -256,9 +246,9 @@ def _energies(setup: Setup, own: Overlay, reference: ReferenceRun | None, explod
     # The sphere of the published scheme jumps at the end of a contact.
     conserves = SCHEMES[setup.run.scheme].conserves
     size_j = own.start_j if conserves else float(np.max(own.lines["plate"].values, initial=0.0))
-    factor, unit = next((f for f in _PREFIXES if size_j >= f[0]), _PREFIXES[-1])
+    factor, unit = shown_unit("J", [size_j])
     curves = [
-        dataclasses.replace(curve, values=curve.values / factor)
+        dataclasses.replace(curve, values=curve.values * factor)
         for curve in (reference.curves["energy"] if reference else [])
     ]
     for name, label in _ENERGIES.items():
@@ -266,6 +256,6 @@ def _energies(setup: Setup, own: Overlay, reference: ReferenceRun | None, explod
         known = conserves or name in ("plate", "fed")
         if known and (name != "fed" or line.values.any()):
             times = line.at * setup.run.step_ns
-            curves.append(curve_of(name, line, times, 1.0 / factor, label=label))
-    most = 3.0 * own.start_j / factor if explodes else None
-    return Plot("energy", f"Energies ({unit})", tuple(curves), most)
+            curves.append(curve_of(name, line, times, factor, label=label))
+    most = 3.0 * own.start_j * factor if explodes else None
+    return Plot("energy", f"Energies ({unit.replace('u', 'µ')})", tuple(curves), most)

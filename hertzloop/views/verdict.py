@@ -1,5 +1,6 @@
 """The verdict on a run as sentences: what control changes, why, and what spoils the metrics."""
 
+import math
 from collections.abc import Sequence
 
 from rich.text import Text
@@ -10,7 +11,7 @@ from hertzloop.results.inspection import Assessment
 from hertzloop.results.metric_rows import MetricRow, Rows, UncertainValue, row_of
 from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.predictability import errors_of, later_impacts_known
-from hertzloop.results.span_metrics import MUCH_DB, change_db
+from hertzloop.results.span_metrics import MUCH_DB
 from hertzloop.results.spans import IN_WORDS, OTHER, Span
 from hertzloop.results.stability import Stability
 from hertzloop.views.digits import change_text, known_digits, uncertain_text, value_texts
@@ -172,9 +173,11 @@ def _later_contacts(found: Assessment, free: Metrics, first: UncertainValue | No
     for metrics, errors in ((result.metrics, known.controlled), (free, known.uncontrolled)):
         if not later_impacts_known(metrics.by_impact, errors):
             return [_UNPREDICTABLE]
-        each = [impact.plate_energy_j for impact in metrics.impacts]
-        lost = sum(errors_of(errors, i).get("plate_energy_j", 0.0) for i in range(len(each)))
-        wrong += change_db(sum(each), sum(each), 10.0, lost)[1]
+        energy_j = sum(impact.plate_energy_j for impact in metrics.impacts)
+        lost_j = sum(
+            errors_of(errors, i).get("plate_energy_j", 0.0) for i in range(len(metrics.impacts))
+        )
+        wrong += 10.0 / math.log(10.0) * lost_j / abs(energy_j) if energy_j else math.nan
     if not wrong <= _HARDLY_DB:
         return [_UNPREDICTABLE]
     energy = row_of(found.rows, "whole_run", "plate_energy_j")

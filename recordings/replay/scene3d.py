@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
+from hertzloop.common.readable import quantity
 from hertzloop.recordings.replay.blueprint import TIMELINE
 from hertzloop.recordings.replay.contacts import Span
 from hertzloop.recordings.replay.deflection import Deflection
@@ -24,7 +25,6 @@ _LOW, _REST, _HIGH = (np.array(c) for c in ((38, 98, 214), (196, 204, 214), (226
 _STEEL, _TOUCHING = 0xC4CCD6FF, 0xFFB020FF
 _ACTUATOR = (74, 222, 128)
 _ARROW_SHARE = 0.16  # length of the largest force, of the plate's shorter side
-_PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 @dataclass(frozen=True)
@@ -91,8 +91,7 @@ def round_above(wanted: float) -> float:
 
 def with_unit(value: float, unit: str) -> str:
     """A length or force with a prefix: 2e-6, "m" is "2 µm"."""
-    size, prefix = next((p for p in _PREFIXES if abs(value) >= p[0]), _PREFIXES[-1])
-    return f"{value / size:.3g} {prefix}{unit}" if value else f"0 {unit}"
+    return quantity(value, unit).replace(" u", " µ")
 
 
 def times(time_ns: np.ndarray) -> rr.TimeColumn:

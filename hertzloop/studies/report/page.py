@@ -7,7 +7,7 @@ from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.inspection import Assessment, inspected
 from hertzloop.results.metrics import Metrics
-from hertzloop.results.recorded import law_of
+from hertzloop.results.recorded import law_of, setup_of
 from hertzloop.studies.pages.html import ResultPage, ResultTable
 from hertzloop.studies.report.charts import charts_of
 from hertzloop.views.details import law_line
@@ -15,7 +15,7 @@ from hertzloop.views.effects import sentences_of
 from hertzloop.views.impacts_table import impact_headings, impact_rows
 from hertzloop.views.metrics_table import cells_of, further_rows, notes_on, shown_rows
 from hertzloop.views.provenance import text_of_law
-from hertzloop.views.replaying import prepare, scene_of
+from hertzloop.views.replaying import prepare
 from hertzloop.views.verdict import verdict_sentences
 
 
@@ -26,7 +26,7 @@ def page_of(recording: Recording) -> ResultPage:
         RecordingError: The recording cannot be read or replayed.
         SceneError: Its scene cannot be simulated.
     """
-    setup, shown = scene_of(recording), prepare(recording, drawn="Dashed", verdict=False)
+    setup, shown = setup_of(recording), prepare(recording, drawn="Dashed", verdict=False)
     found = inspected(recording, shown.labels.reference is not None, setup)
     ends = found.assessment
     if ends is None:
