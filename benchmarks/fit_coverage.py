@@ -33,8 +33,8 @@ from benchmarks.synthetic_records import Spoilt, truth
 from hertzloop.cli.options import JsonOption
 from hertzloop.fitting.fit.fit import fit
 from hertzloop.fitting.fit.free_keys import parse_free_key, start_value
-from hertzloop.fitting.fit.observed_signal import MeasuringChain
 from hertzloop.fitting.fit.results import FitResult
+from hertzloop.fitting.fit.simulated_impact import MeasuringChain
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.scene.setup import Setup
 

@@ -33,8 +33,8 @@ from hertzloop.cli.options import JsonOption
 from hertzloop.fitting.fit.fit import fit
 from hertzloop.fitting.fit.free_keys import parse_free_key, start_value
 from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
-from hertzloop.fitting.fit.observed_signal import MeasuringChain, ObservedSignal, observe
 from hertzloop.fitting.fit.results import FitResult
+from hertzloop.fitting.fit.simulated_impact import MeasuringChain, ObservedSignal, observe
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.plant.structures.modes import Modes, Point
 from hertzloop.plant.structures.plate import Plate

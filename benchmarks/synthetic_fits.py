@@ -12,8 +12,8 @@ from benchmarks.program import median
 from benchmarks.results import Results
 from benchmarks.synthetic_records import Spoilt, measured
 from hertzloop.cli.terminal import fail, out
-from hertzloop.fitting.fit.observed_signal import ObservedSignal
 from hertzloop.fitting.fit.results import FitResult
+from hertzloop.fitting.fit.simulated_impact import ObservedSignal
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup

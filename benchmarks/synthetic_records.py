@@ -7,7 +7,7 @@ import numpy as np
 import scipy
 
 from hertzloop.fitting.fit.impact_simulator import ImpactSimulator, LoopSimulator
-from hertzloop.fitting.fit.observed_signal import MeasuringChain, ObservedSignal, observe
+from hertzloop.fitting.fit.simulated_impact import MeasuringChain, ObservedSignal, observe
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup

@@ -14,9 +14,15 @@ from hertzloop.fitting.errors import FitError
 from hertzloop.fitting.fit.check import check as check_records
 from hertzloop.fitting.fit.check import expected_record
 from hertzloop.fitting.fit.fit import fit as fit_records
-from hertzloop.fitting.fit.fit_output import as_json, fitted_scene, write_picture
-from hertzloop.fitting.fit.fit_text import describe_record, parameter_table, sentences
 from hertzloop.fitting.fit.free_keys import FreeKey, is_control_key, parse_free_key
+from hertzloop.fitting.fit.report import (
+    as_json,
+    describe_record,
+    fitted_scene,
+    parameter_table,
+    sentences,
+    write_picture,
+)
 from hertzloop.fitting.fit.results import FitResult, ModelVerdict
 from hertzloop.fitting.records.reading import holds_records, input_files, read_records
 from hertzloop.fitting.records.record import Record

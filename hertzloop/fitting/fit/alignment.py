@@ -8,7 +8,7 @@ import numpy as np
 from hertzloop.fitting.errors import RecordError
 from hertzloop.fitting.fit.channel import Channel
 from hertzloop.fitting.fit.channel_preparation import ONSET_LEVELS, ONSET_SHARE
-from hertzloop.fitting.fit.observed_signal import ObservedSignal
+from hertzloop.fitting.fit.simulated_impact import ObservedSignal
 
 _WINDOW = (-0.5, 1.6)  # of a contact, in which a record is aligned
 _FEWEST_ALIGNED, _MOST_ALIGNED = 4, 600  # samples

@@ -17,7 +17,6 @@ from hertzloop.fitting.fit.intervals import (
     estimate_from_covariance,
     key_uncertainty,
 )
-from hertzloop.fitting.fit.observed_signal import MeasuringChain, observe
 from hertzloop.fitting.fit.problem_preparation import (
     check_sample_count,
     prepare_problem,
@@ -26,6 +25,7 @@ from hertzloop.fitting.fit.problem_preparation import (
     unique_names,
 )
 from hertzloop.fitting.fit.results import FitResult, ModelVerdict
+from hertzloop.fitting.fit.simulated_impact import MeasuringChain, observe
 from hertzloop.fitting.fit.step_scan import expected_profile
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.quantities import QUANTITIES

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 
 from hertzloop.fitting.fit.free_keys import is_chain_key, values_for_record
-from hertzloop.fitting.fit.observed_signal import MeasuringChain, ObservedSignal, observe
 from hertzloop.fitting.fit.parameters import SHIFT_UNIT_S, FitParameters, prior_rows
+from hertzloop.fitting.fit.simulated_impact import MeasuringChain, ObservedSignal, observe
 
 _STEPS_OF_STAGE = 4  # expected steps of a minimisation
 _JUMP = 4.0  # ratio of the derivatives on both sides from which the law decides otherwise on one

@@ -21,8 +21,8 @@ from hertzloop.fitting.fit.free_keys import (
     values_for_record,
 )
 from hertzloop.fitting.fit.impact_simulator import ImpactSimulator, LoopSimulator
-from hertzloop.fitting.fit.observed_signal import chain_of_record
 from hertzloop.fitting.fit.problem import FitProblem, Iterate
+from hertzloop.fitting.fit.simulated_impact import chain_of_record
 from hertzloop.fitting.records.quantities import PLATE_QUANTITIES
 from hertzloop.fitting.records.record import Record
 from hertzloop.plant.contact.hertz import rigid_impact

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.fitting.fit.discrepancy import build_discrepancy
-from hertzloop.fitting.fit.discrepancy_estimate import (
+from hertzloop.fitting.fit.discrepancy import (
     RecordLikelihood,
+    build_discrepancy,
     estimate_discrepancies,
 )
 from hertzloop.fitting.fit.minimise import minimise

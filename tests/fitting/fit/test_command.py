@@ -194,7 +194,7 @@ def test_an_expected_record_that_no_instrument_makes_is_refused(text):
 
 
 def test_draws_of_a_fitted_scene_follow_its_covariance(tmp_path):
-    from hertzloop.fitting.fit.fit_output import fitted_scene
+    from hertzloop.fitting.fit.report import fitted_scene
     from hertzloop.studies.cases.uncertain_file import read_uncertain
 
     found = fitted(scene(), record(scene()), RADIUS, HEIGHT)

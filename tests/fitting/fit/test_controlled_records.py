@@ -9,9 +9,9 @@ from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.fitting.errors import FitError, RecordError
 from hertzloop.fitting.fit.check import check
 from hertzloop.fitting.fit.fit import fit
-from hertzloop.fitting.fit.fit_text import sentences
 from hertzloop.fitting.fit.free_keys import parse_free_key
 from hertzloop.fitting.fit.impact_simulator import LoopSimulator
+from hertzloop.fitting.fit.report import sentences
 from hertzloop.fitting.fit.results import FitResult, KeyVerdict, ModelVerdict
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.record import Record

@@ -9,14 +9,15 @@ import scipy
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
 from hertzloop.fitting.errors import RecordError
-from hertzloop.fitting.fit.discrepancy import Discrepancy, build_discrepancy
-from hertzloop.fitting.fit.discrepancy_estimate import (
+from hertzloop.fitting.fit.discrepancy import (
+    Discrepancy,
     RecordLikelihood,
+    build_discrepancy,
     estimate_discrepancies,
 )
 from hertzloop.fitting.fit.fit import fit
-from hertzloop.fitting.fit.fit_text import sentences
 from hertzloop.fitting.fit.free_keys import parse_free_key
+from hertzloop.fitting.fit.report import sentences
 from hertzloop.fitting.fit.results import KeyVerdict
 from hertzloop.fitting.records.measurement import Measurement, parse_record_table
 from hertzloop.scene.setup import load

@@ -12,8 +12,8 @@ from hertzloop.fitting.fit.fit import fit
 from hertzloop.fitting.fit.free_keys import parse_free_key
 from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
 from hertzloop.fitting.fit.intervals import estimate_from_covariance
-from hertzloop.fitting.fit.observed_signal import MeasuringChain, observe
 from hertzloop.fitting.fit.results import KeyVerdict, ModelVerdict
+from hertzloop.fitting.fit.simulated_impact import MeasuringChain, observe
 from hertzloop.fitting.records.measurement import Measurement
 from hertzloop.fitting.records.reading import read_records
 from hertzloop.fitting.records.record import Record
@@ -90,7 +90,7 @@ def test_a_check_before_the_experiment_says_what_will_be_known():
 
 def test_every_key_that_a_record_cannot_tell_is_named():
     """Without a bound on the loss factor, a force leaves the thickness open as well."""
-    from hertzloop.fitting.fit.fit_text import sentences
+    from hertzloop.fitting.fit.report import sentences
 
     setup = scene(*YIELDS)
     supposed = expected_record(setup, "contact_force:80us:0.4%")

@@ -6,7 +6,7 @@ import scipy
 
 from hertzloop.fitting.errors import RecordError
 from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
-from hertzloop.fitting.fit.observed_signal import MeasuringChain, observe
+from hertzloop.fitting.fit.simulated_impact import MeasuringChain, observe
 from hertzloop.fitting.records.measurement import parse_record_table
 from hertzloop.loop.simulate import simulate
 from tests.fitting.fitting import scene
