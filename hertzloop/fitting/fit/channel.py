@@ -185,20 +185,15 @@ def thin_samples(channel: Channel, contact_s: float) -> None:
         return
     tau = channel.time_s - channel.touch_s
     dense = np.abs(tau) < _DENSE_CONTACTS * contact_s
-    every = max(1, math.ceil((n - np.count_nonzero(dense)) / (0.7 * _MOST_SAMPLES)))
-    keep_dense = max(1, math.ceil(np.count_nonzero(dense) / (0.3 * _MOST_SAMPLES)))
-    index = np.arange(n)
-    if keep_dense == 1:
-        chosen = dense | (index % every == 0)
-    else:
-        chosen = np.where(dense, index % keep_dense == 0, index % every == 0)
+    within = math.ceil(np.count_nonzero(dense) / (0.3 * _MOST_SAMPLES)) or 1
+    beyond = math.ceil(np.count_nonzero(~dense) / (0.7 * _MOST_SAMPLES)) or 1
+    chosen = np.arange(n) % np.where(dense, within, beyond) == 0
     channel.time_s, channel.value = channel.time_s[chosen], channel.value[chosen]
     channel.kept = channel.kept[chosen]
     channel.ar, channel.innovation = np.empty(0), 1.0
-    within = "all" if keep_dense == 1 else f"one in {keep_dense}"
     channel.notes.append(
-        f"{channel.record.name}: of {n} samples {np.count_nonzero(chosen)} are used, {within} of "
-        f"the first {_DENSE_CONTACTS:g} contact times and one in {every} beyond."
+        f"{channel.record.name}: of {n} samples {np.count_nonzero(chosen)} are used, one in "
+        f"{within} of the first {_DENSE_CONTACTS:g} contact times and one in {beyond} beyond."
     )
 
 

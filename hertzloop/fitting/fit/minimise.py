@@ -20,8 +20,8 @@ _BROADER = 8.0  # least standard deviation of a shorter window, over that of the
 _REACH_SD, _FARTHEST = 4.0, 0.4  # reach: deviations of the shorter window; logarithms of the keys
 _STEP_SD = 10.0  # step: standard deviations of the whole record
 _MOST_STEPS = 20  # on each side
-_MOST_MINIMA = 3  # minima that are followed
 _LOWER = 4.0  # least fall of chi-square
+_HERE = 1e-9  # deviations: so near, a point of the search is its beginning
 
 
 def minimise(
@@ -108,7 +108,7 @@ def best_start(problem: FitProblem, x: np.ndarray) -> np.ndarray:
 def search_lower_minimum(
     problem: FitProblem, iterate: Iterate, shorter: Sequence[Iterate]
 ) -> Iterate:
-    """Return the iterate, or one with a lower chi-square that a growing window missed.
+    """Return the iterate, or one with a lower chi-square in another basin, by one restart.
 
     Waves that come back from the edges repeat: shifted by a period, they fit almost as well, and
     which of these minima a growing window comes to is chance.
@@ -130,17 +130,21 @@ def search_lower_minimum(
         axis = covariance[:, :keys] @ direction / sd  # of all parameters
         reach = min(_REACH_SD, _FARTHEST / sd)
         count = min(math.ceil(reach * sd / (_STEP_SD * apart)), _MOST_STEPS)
-        chi, trials = [], []
+        line = []
         for t in np.linspace(-reach, reach, 2 * count + 1):
             with suppress(SceneError):  # a value that the scene refuses
-                x = iterate.x + t * axis
-                chi.append(problem.evaluate(x, until_s, jacobian=False).chi_square)
-                trials.append(x)
-        minima = [i for i in range(1, len(chi) - 1) if chi[i] <= min(chi[i - 1], chi[i + 1])]
-        for i in sorted(minima, key=lambda i: chi[i])[:_MOST_MINIMA]:
-            found = minimise(problem, trials[i], until_s, steps=15, tolerance=1e-3)
+                moved = problem.evaluate(iterate.x + t * axis, until_s, jacobian=False)
+                line.append((moved.chi_square, float(t)))
+        minima = [
+            (chi, t)
+            for (left, _), (chi, t), (right, _) in zip(line, line[1:], line[2:], strict=False)
+            if chi <= min(left, right) and abs(t) > _HERE
+        ]
+        if minima:
+            x = iterate.x + min(minima)[1] * axis
+            found = minimise(problem, x, until_s, steps=15, tolerance=1e-3)
             if found.chi_square < iterate.chi_square - _LOWER:
-                iterate = found
+                return found
         break
     return iterate
 
