@@ -116,52 +116,51 @@ class FitParameters:
         return 0.5 if at is None else float(x[at])
 
 
-def prior_rows(
-    parameters: FitParameters, x: np.ndarray, early: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return rows of the priors and their derivatives, (rows,) and (rows, parameters).
+class Prior(NamedTuple):
+    """The prior of a parameter: its name, its place, its centre and its standard deviation."""
+
+    name: str
+    place: int
+    centre: float
+    sd: float
+
+
+def priors(parameters: FitParameters, early: bool = False) -> list[Prior]:
+    """Return the priors of keys, clocks and gains; channels of one clock share its prior.
 
     Args:
         parameters: of the fit.
-        x: their values.
         early: whether weak priors hold the keys near their start.
     """
-    rows, by, n = [], [], len(x)
-
-    def row(place: int, centre: float, sd: float) -> None:
-        rows.append((x[place] - centre) / sd)
-        line = np.zeros(n)
-        line[place] = 1.0 / sd
-        by.append(line)
-
-    for j, f in enumerate(parameters.varied_keys):
-        if f.prior is not None:
-            row(j, math.log(f.start), f.prior)
-        elif early:
-            row(j, math.log(f.start), f.early_sd)
-    shared: set[int] = set()
+    found = [
+        Prior(f.key, j, math.log(f.start), f.prior or f.early_sd)
+        for j, f in enumerate(parameters.varied_keys)
+        if f.prior or early
+    ]
+    clocks: set[int] = set()
     for c, at in zip(parameters.channels, parameters.nuisance_indices, strict=True):
         gain_sd, clock_sd = c.prior_sds()
-        if at.clock not in shared:
-            row(at.clock, 0.0, clock_sd)
-        if at.gain not in shared:
-            row(at.gain, 1.0, gain_sd)
-        shared |= {at.clock, at.gain}
+        if at.clock not in clocks:
+            found.append(Prior(f"{c.record.name}: clock_ppm", at.clock, 0.0, clock_sd))
+            clocks.add(at.clock)
+        found.append(Prior(f"{c.record.name}: gain", at.gain, 1.0, gain_sd))
+    return found
+
+
+def prior_rows(
+    parameters: FitParameters, x: np.ndarray, early: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return rows of the priors and their derivatives, (rows,) and (rows, parameters)."""
+    found = priors(parameters, early)
     for phase, period in parameters.phase_periods.items():
         # All phases are as likely, so nothing is pulled; but none is more than a period off.
-        row(phase, float(x[phase]), _PHASE_SD * period)
-    return np.array(rows), np.array(by).reshape(-1, n)
+        found.append(Prior("", phase, float(x[phase]), _PHASE_SD * period))
+    by = np.zeros((len(found), len(x)))
+    for line, prior in zip(by, found, strict=True):
+        line[prior.place] = 1.0 / prior.sd
+    return np.array([(x[p.place] - p.centre) / p.sd for p in found]), by
 
 
 def prior_pulls(parameters: FitParameters, x: np.ndarray) -> dict[str, float]:
     """Return how far each prior is pulled, in standard deviations, by name."""
-    found = {}
-    for j, f in enumerate(parameters.varied_keys):
-        if f.prior is not None:
-            found[f.key] = (float(x[j]) - math.log(f.start)) / f.prior
-    for index, c in enumerate(parameters.channels):
-        _, ppm, gain, _ = parameters.nuisances(x, index)
-        gain_sd, clock_sd = c.prior_sds()
-        found[f"{c.record.name}: clock_ppm"] = ppm / clock_sd
-        found[f"{c.record.name}: gain"] = (gain - 1.0) / gain_sd
-    return found
+    return {p.name: (float(x[p.place]) - p.centre) / p.sd for p in priors(parameters)}
