@@ -15,6 +15,7 @@ from hertzloop.fitting.fit.step_scan import CHI_SQUARE_95, StepProfile
 from hertzloop.scene.errors import SceneError
 
 _NULL = 1e-10  # of the largest singular value
+_TOUCHED = 1e-6  # share of a direction of which nothing is known, that makes a key unknown
 # Of intervals of a model with a discrepancy, which is not as random as a process: the factor on
 # their width, and the discrepancy of the model's time over that of its size. Both were chosen with
 # `python -m benchmarks.fit_discrepancy`.
@@ -67,22 +68,15 @@ def key_uncertainty(
     order = [*range(n, jacobian.shape[1]), *range(n)]
     r = np.asarray(np.linalg.qr(scaled[:, order], mode="r"))
     rest = r[-n:, -n:] if n else np.empty((0, 0))
-    alone_r = np.sqrt(np.sum(rest**2, axis=0)) * safe[:n]
+    alone = np.sqrt(np.sum(rest**2, axis=0)) * safe[:n]
+    alone = np.divide(1.0, alone, out=np.full(n, np.inf), where=alone > 0.0)
     _, s, v = np.linalg.svd(rest)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        spread = np.where(s > _NULL, 1.0 / np.maximum(s, 1e-300), np.inf)
-        # Columns: change of the logarithms by a unit step.
-        directions = np.asarray(v).T / safe[:n, np.newaxis]
-        covariance = (directions * np.where(np.isfinite(spread), spread, 0.0) ** 2) @ directions.T
-        for i, infinite in enumerate(~np.isfinite(spread)):
-            if infinite:
-                touched = np.abs(v[i]) > 1e-6
-                covariance[touched, touched] = np.inf
-        for j in range(n):
-            if length[j] == 0.0:
-                covariance[j, :] = covariance[:, j] = 0.0
-                covariance[j, j] = np.inf
-        alone = np.where(alone_r > 0.0, 1.0 / np.maximum(alone_r, 1e-300), np.inf)
+    known = s > _NULL
+    # Columns: change of the logarithms by a unit step.
+    directions = v[known].T / safe[:n, np.newaxis] / s[known]
+    covariance = directions @ directions.T
+    unknown = np.any(np.abs(v[~known]) > _TOUCHED, axis=0)
+    covariance[unknown, unknown] = np.inf
     wider = _WIDER if problem.has_discrepancy else 1.0
     if wider > 1.0:
         covariance = wider**2 * (covariance + _covariance_by_shared_discrepancy(problem, iterate))
