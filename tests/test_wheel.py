@@ -70,6 +70,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.full
 def test_a_law_and_a_script_import_the_modules_of_the_user(folder):
     place = {"cwd": folder, "env": {**os.environ, "PYTHONPATH": str(ROOT)}}
     law = ["--set", "controller.law=mine.py", "--out", "a.mcap", "--transport", "compiled"]

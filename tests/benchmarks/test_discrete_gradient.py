@@ -12,6 +12,7 @@ STEPS_S = (1e-6, 5e-7, 2.5e-7, 1.25e-7)
 CONTACT_S = 40e-6  # longer than any contact below
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("case", CASES)
 def test_gap_converges_as_the_step_squared(case):
     changes, push = CASES[case]

@@ -19,6 +19,7 @@ def known(errors: list[tuple[float, float]]) -> list[float]:
     return sorted(error / request for error, request in errors if not math.isnan(error))
 
 
+@pytest.mark.full
 def test_requests_are_met_on_random_scenes(found):
     assert len(found) == len(SEEDS) * 10 * len(study.REQUESTS)
     offered = [o for o in found if o.lasts_us and o.request > 1e-4]

@@ -15,6 +15,7 @@ def test_every_picture_of_the_documentation_is_noted():
     assert {path.name for path in DOCS.glob("*.png")} == set(drawn.read_notes())
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", drawn.read_notes())
 def test_a_picture_matches_the_code(name):
     """Mend: python -m benchmarks.pictures --docs -o docs --only NAME, and look at it."""
@@ -37,6 +38,7 @@ def test_other_metrics_and_other_words_are_noticed_and_last_bits_are_not():
     assert "words was" in words
 
 
+@pytest.mark.full
 def test_a_run_for_a_picture_that_fails_says_why(tmp_path, monkeypatch):
     failing = drawn.Run("aluminium-3mm", ("controller.kappa=much",), 0.003)
     monkeypatch.setitem(drawn.MORE, "paced", failing)

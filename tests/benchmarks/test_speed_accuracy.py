@@ -16,6 +16,7 @@ def small():
     )
 
 
+@pytest.mark.full
 def test_reference_is_dop853s(small):
     solved = integrators.dop853_run(small, 1e-10)()
     found = integrators.kernel_run(ik.rk4, small, 6.25e-8)().gaps

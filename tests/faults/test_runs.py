@@ -33,6 +33,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
 @pytest.mark.parametrize("fault", default(FAULTS, FAULTS[:1]), ids=str)
 def test_faults(fault):

@@ -349,6 +349,7 @@ for theory in STRUCTURES:
 """
 
 
+@pytest.mark.full
 def test_a_structure_may_have_arrays_in_its_fields(tmp_path):
     """A table of its own changes nothing of a beam."""
     for name in ("own_beam.py", "own_beam.toml"):

@@ -116,6 +116,7 @@ CHANGE_CODE = {
 }
 
 
+@pytest.mark.full
 def test_settings_of_numba_that_change_the_code_have_a_folder_each(tmp_path):
     home = {"HOME": str(tmp_path)}
     usual = where(home)[0]
@@ -142,6 +143,7 @@ class Evil:
         return Path.touch, (self.trace,)
 
 
+@pytest.mark.full
 def test_a_planted_pickle_does_not_run(homeless, tmp_path):
     """The attack itself: a cache that anybody could have put there, under the right names."""
     folder, _ = where(homeless, ATTACKED)

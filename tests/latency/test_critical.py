@@ -36,6 +36,7 @@ def measured(pool):
     return {key: critical(pool, NAMED[key[0]], key[1], 12) for key in (*BANDS, *NEVER_BETTER)}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("key", BANDS)
 def test_critical_latency_and_bits_are_in_their_bands(key, measured):
     least, most, fewest, bits = BANDS[key]

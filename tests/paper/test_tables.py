@@ -17,6 +17,7 @@ def computed(name: str) -> list[dict[str, str]]:
     return rows
 
 
+@pytest.mark.full
 def test_slope_threshold_rows():
     rows = computed("slope_threshold.csv")
     median = {a.column: a.median for a in tables.agreement(rows)}

@@ -14,6 +14,7 @@ def test_contact_impulse_against_momentum_change():
             assert found.ratio < 0.01, found
 
 
+@pytest.mark.full
 def test_the_published_step_does_not_converge_and_the_consistent_one_does():
     found = weaknesses.refinement()
     published = [r for r in found if r.scheme == "thesis2008"]

@@ -95,6 +95,7 @@ for beside in (None, (0.28, 0.25)):
 """
 
 
+@pytest.mark.full
 def test_uncompiled_kernels_give_the_same_values():
     def lines(**more: str) -> list:
         done = subprocess.run(

@@ -114,6 +114,7 @@ def test_latency_and_gain_of_a_velocity_feedback():
     assert found.covariance.shape == (2, 2)
 
 
+@pytest.mark.full
 def test_the_force_of_the_actuator_tells_its_bandwidth_and_a_wrong_gain_does_not_fit():
     true = scene(f"{LATENCY}=4", f"{BANDWIDTH}=4e4")
     one = record(true, PUSH, 150e-6)
@@ -140,6 +141,7 @@ def test_the_latency_needs_the_touch_in_the_same_time():
     assert first.time_shift_s == second.time_shift_s
 
 
+@pytest.mark.full
 def test_a_latency_without_effect_is_not_identifiable():
     """The force comes after the contact, whose force does not show it."""
     true = scene(f"{LATENCY}=60")

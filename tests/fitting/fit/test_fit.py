@@ -155,6 +155,7 @@ def test_channels_of_one_file_are_fitted_together(tmp_path):
     assert shows.output.count(f"{len(several[0].value)} samples") == 2
 
 
+@pytest.mark.full
 def test_a_hold_out_at_another_height_finds_the_wrong_class():
     """A stiffness can stand in for yielding at one height, not at two."""
     one = record(scene(*YIELDS), noise=0.05)
@@ -179,6 +180,7 @@ def test_a_second_impact_is_part_of_the_simulation():
     assert fitted(setup, one, THICKNESS).estimates[0].value == pytest.approx(0.003, rel=1e-3)
 
 
+@pytest.mark.full
 def test_a_plate_is_fitted_by_its_motion_beside_the_contact():
     point, duration_s = (0.3, 0.27), 5e-4
     simulator = ImpactSimulator(scene(), duration_s, 1e-4, point, step_ns=125)

@@ -83,6 +83,7 @@ def test_a_printed_run_is_at_most_six_lines_with_the_verdict(scene):
     assert len(repr(run)) < 200
 
 
+@pytest.mark.full
 def test_the_package_shows_its_public_names_and_loads_them_late():
     """Every documented exception is there; `import hertzloop` alone loads nothing heavy."""
     code = (

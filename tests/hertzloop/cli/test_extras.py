@@ -43,6 +43,7 @@ def test_all_missing_packages_are_named(packages, extra, words, tmp_path):
 NOT_IN_THE_BASE = " ".join(EXTRAS)
 
 
+@pytest.mark.full
 def test_the_python_interface_needs_no_extra_until_one_is_asked_for(tmp_path):
     page = ROOT / "docs" / "how-to" / "python.md"
     first, second = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)[:2]

@@ -163,6 +163,7 @@ def test_an_existing_file_outlives_a_full_disk(recording, full):
     assert f"cannot write {old}: {_FULL}" in said(result)
 
 
+@pytest.mark.full
 def test_results_that_find_no_room():
     words = [*HERTZLOOP, "scene", "show", "oak-20mm"]
     with Path("/dev/full").open("w") as full:

@@ -72,6 +72,7 @@ def test_a_program_in_c_gets_the_bytes_of_the_loop(kind, tmp_path):
     assert driven.energies["residual"] == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.full
 def test_the_library_needs_libc_and_libm_only(short):
     library = short / "libhertzloop_plant.so"
     needed = subprocess.run(["ldd", library], capture_output=True, text=True, check=True).stdout
@@ -85,6 +86,7 @@ def test_the_library_needs_libc_and_libm_only(short):
     assert library.stat().st_size - len(images.image(aluminium_3mm(*SHORT)).data) < 300_000
 
 
+@pytest.mark.full
 def test_the_example_runs(short):
     assert len(EXAMPLE.read_text().splitlines()) <= 40
     program = build(short, short / "main.c")
@@ -92,6 +94,7 @@ def test_the_example_runs(short):
     assert re.fullmatch(r"aluminium-3mm: .* contact force at most \d+\.\d+ N, .*\n", said)
 
 
+@pytest.mark.full
 def test_a_state_is_come_back_to(plant):
     while plant.values()["gap_m"] >= 0.0:
         assert plant.step(1.0) == 0
@@ -107,6 +110,7 @@ def test_a_state_is_come_back_to(plant):
     assert plant.run(forces).tobytes() == once.tobytes()
 
 
+@pytest.mark.full
 def test_it_starts_anew_from_another_height(plant):
     """The model stays that of the scene; the sphere falls from elsewhere."""
     scene = aluminium_3mm(*SHORT)
@@ -120,6 +124,7 @@ def test_it_starts_anew_from_another_height(plant):
     assert plant.run(np.zeros(1000)).tobytes() == start.tobytes()
 
 
+@pytest.mark.full
 def test_another_seed_is_that_of_another_run(noisy):
     plant = InC(noisy / "libhertzloop_plant.so")
     loop = simulate(aluminium_3mm(*NOISY, "run.seed=123456789012"))
@@ -132,6 +137,7 @@ def test_another_seed_is_that_of_another_run(noisy):
     plant.c.hertzloop_plant_free(plant.plant)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("call", "status", "sentence"),
     [
@@ -157,6 +163,7 @@ def test_bad_use_is_said_and_changes_nothing(plant, call, status, sentence):
     assert plant.state() == kept
 
 
+@pytest.mark.full
 def test_a_processor_without_the_instructions_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(images, "needed", lambda cpu: ["avx5124fmaps", "sse3"])
     library = exported(tmp_path, aluminium_3mm(*SHORT)) / "libhertzloop_plant.so"
@@ -168,6 +175,7 @@ def test_a_processor_without_the_instructions_is_refused(tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.full
 def test_the_command_writes_a_library(tmp_path, short):
     out = tmp_path / "plant.so"
     told = succeed("export-plant", "aluminium-3mm", *as_options(SHORT), "-o", out, "--cpu", "host")

@@ -19,6 +19,7 @@ from hertzloop.processes.law_trial import impact_samples
 from hertzloop.scene.controller import law_context, loaded_law
 from hertzloop.scene.setup import Setup, load
 from tests.hertzloop.scenes import aluminium_3mm
+from tests.tiers import default
 
 LONGER = {"run.duration_s": 2.0}  # than any latency
 SCENES = ("aluminium-3mm", "aluminium-20mm", "oak-20mm", "offcentre-6mm")
@@ -64,7 +65,7 @@ def commands(scene: Setup, samples: np.ndarray) -> np.ndarray:
     return answer_samples(made, samples).forces
 
 
-@pytest.mark.parametrize("law", shipped())
+@pytest.mark.parametrize("law", default(shipped(), ["slope_threshold", "velocity_feedback"]))
 def test_every_force_is_a_finite_number(law):
     fields = find(law).keys.model_fields
     if law == "linear":  # an unstable filter has no finite force

@@ -21,12 +21,13 @@ from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, needs_cc, write_law
 from tests.hertzloop.scenes import aluminium_3mm, json_in, run_recorded
+from tests.tiers import default
 
 LIMIT = ["controller.full_scale_n=20", "controller.latency_us=2", SHORT]
 
 
 @needs_cc
-@pytest.mark.parametrize("transport", ["compiled", "inprocess", "zenoh"])
+@pytest.mark.parametrize("transport", default(["compiled", "inprocess", "zenoh"], ["compiled"]))
 def test_the_example_in_python_and_in_c_has_the_same_bytes(here, transport):
     shutil.copy(EXAMPLES / "low_passed.py", here)
     build(here, EXAMPLES / "low_passed.c")
@@ -60,7 +61,7 @@ PROMISES = {
 }
 
 
-@pytest.mark.parametrize("promise", PROMISES)
+@pytest.mark.parametrize("promise", default(PROMISES, ["known_ahead"]))
 def test_the_sign_of_a_zero_depends_on_no_transport(here, promise):
     """Of a law that commands -0.0 N where it has promised 0."""
     command = "def command(p, s, samples, i):\n    return -5.0 if samples[i] <= 0.0 else -0.0\n"

@@ -8,6 +8,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.scene.controller import law_context, loaded_law
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.uncontrolled import uncontrolled_force_n
+from tests.tiers import default
 
 PRECOMPUTED = ["controller.law=precomputed", "controller.kappa=0.4"]
 
@@ -28,7 +29,9 @@ def test_thirteen_forces():
     np.testing.assert_allclose(shaped("cosine", 1.0, contact), [0, 0, -4, 0], atol=1e-12)
 
 
-@pytest.mark.parametrize("source", ["thesis-aluminium", "aluminium-3mm"])
+@pytest.mark.parametrize(
+    "source", default(["thesis-aluminium", "aluminium-3mm"], ["aluminium-3mm"])
+)
 @pytest.mark.parametrize("delay", [0, 5])
 def test_force_in_the_loop_is_the_shifted_contact_force(source, delay):
     settings = [

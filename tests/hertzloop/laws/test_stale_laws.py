@@ -114,6 +114,7 @@ def test_the_environment(monkeypatch):
         assert peak_n() == plain(gain)
 
 
+@pytest.mark.full
 def test_a_module_that_was_imported_before(here, monkeypatch):
     """Its values count as they are in this process, changed in place or reloaded."""
     monkeypatch.syspath_prepend(str(here))

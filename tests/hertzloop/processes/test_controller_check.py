@@ -86,6 +86,7 @@ def run_with(command: str, folder: Path, *words: str, code: int = 0) -> subproce
     return hertzloop("run", "aluminium-3mm", *words, cwd=folder, code=code)
 
 
+@pytest.mark.full
 def test_a_run_has_a_program_as_its_controller(tmp_path):
     done = run_with(EXAMPLE, tmp_path, "--out", "own.mcap")
     assert "Law: own slope threshold 1.0 (the scene says slope_threshold)" in words_of(done.stdout)

@@ -79,6 +79,7 @@ class Foreign:
         self.port.close()
 
 
+@pytest.mark.full
 def test_a_fault_that_the_recorder_hears_first(tmp_path):
     """It waits until the others have heard it, too: they name the cause, not its departure."""
     bus = Bus("first-heard")

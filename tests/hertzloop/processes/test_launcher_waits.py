@@ -79,6 +79,7 @@ def test_one_that_does_not_end_is_named(silence_s, works, sentence, tmp_path, mo
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.full
 def test_processes_of_roles_that_are_done_keep_nobody(tmp_path):
     launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, ("done", "stays")))
     try:

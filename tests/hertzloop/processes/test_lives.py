@@ -108,6 +108,7 @@ def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(recording):
         ended(roles["plant"], 130, "interrupted")
 
 
+@pytest.mark.full
 def test_all_exit_codes_tell_of_a_good_run(recording):
     with terminals(recording, "--set", "run.duration_s=0.002") as roles:
         for process in roles.values():

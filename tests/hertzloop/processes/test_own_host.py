@@ -82,6 +82,7 @@ def test_another_user_gets_neither_samples_nor_a_say(going, tmp_path):
     assert read(tmp_path / "run.mcap").problems
 
 
+@pytest.mark.full
 def test_what_a_killed_launcher_leaves_goes_with_a_later_run(going):
     run, children = going
     [held] = sockets_of(children["plant"])

@@ -111,6 +111,7 @@ print(os.sched_getscheduler(0) == os.SCHED_OTHER, p.line())
     assert "withdrawn: the loop spun without progress" in said
 
 
+@pytest.mark.full
 def test_a_run_says_what_was_granted(tmp_path):
     scene = aluminium_3mm("run.duration_s=0.0015")
     report = run_as_json(run_and_assess(scene, tmp_path / "a.mcap", RunOptions(realtime="off")))

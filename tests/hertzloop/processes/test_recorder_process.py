@@ -106,6 +106,7 @@ def test_the_plant_leaves_last(tmp_path, monkeypatch):
     assert order == [RECORDER, CONTROLLER, PLANT]
 
 
+@pytest.mark.full
 def test_a_controller_that_compiles_its_law_is_waited_for(tmp_path, monkeypatch):
     """It takes longer than the others wait for anything else."""
     timeout_s = 2.0

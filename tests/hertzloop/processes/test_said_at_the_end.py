@@ -33,6 +33,7 @@ def test_a_killed_controller_leaves_a_recording_that_is_named(tmp_path):
     assert "simulated time" in succeed("repair", path)
 
 
+@pytest.mark.full
 def test_a_run_whose_recording_is_removed_has_failed(tmp_path):
     path = tmp_path / "a.mcap"
     run = start("run", "aluminium-3mm", "--set", "run.duration_s=2", "--out", str(path))
@@ -42,6 +43,7 @@ def test_a_run_whose_recording_is_removed_has_failed(tmp_path):
         ended(run, 1, f"{path} was removed or renamed while the run wrote it")
 
 
+@pytest.mark.full
 def test_nodes_say_that_they_run_and_what_came_of_it(tmp_path):
     bus, path = Bus("said"), tmp_path / "a.mcap"
     whole = ["aluminium-3mm", "--set", "run.duration_s=0.004"]

@@ -96,6 +96,7 @@ def test_a_signal_that_is_ignored_stays_so():
         signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.full
 def test_a_run_that_compiles_ends_in_one_sentence(tmp_path):
     """Nothing goes on compiling for it."""
     cache = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}

@@ -206,6 +206,7 @@ def test_a_promise_changes_no_metric(reports_of, law):
     assert with_.steps <= without.steps
 
 
+@pytest.mark.full
 def test_what_comes_before_the_next_contact_does_not_count(tmp_path):
     """Laws whose case ends when the sphere is on its way back, or long before; the report page."""
     ahead = tmp_path / "ahead.py"

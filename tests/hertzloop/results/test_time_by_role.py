@@ -14,6 +14,7 @@ def row_of(printed: str) -> str:
     return words.split("time by role: ")[1].split("; real-time")[0]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("way", default([[], ["--pace", "0.01"]], [[]]))
 def test_the_parts_lie_within_the_wall_time(way, tmp_path):
     more = ["--details", "--json", "a.json", "-o", "a.mcap"]

@@ -48,6 +48,7 @@ def scene_or_sentence(text: str, changes: list[str] | None = None) -> Scene | No
     return None
 
 
+@pytest.mark.full
 @settings(max_examples=120, suppress_health_check=list(HealthCheck))
 @given(
     st.sampled_from(shipped()),

@@ -77,6 +77,7 @@ def test_distributions_have_their_quantiles():
         assert sorted(drawn) == drawn
 
 
+@pytest.mark.full
 def test_probability_is_recorded_and_narrow_enough(pool):
     setup = load("aluminium-3mm", SHORT)
     table = {"controller.latency_us": {"distribution": "uniform", "low": 0, "high": 8}}

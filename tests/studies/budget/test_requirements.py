@@ -132,6 +132,7 @@ goal = "plate_energy_db <= 20"
 """
 
 
+@pytest.mark.full
 def test_pytest_names_an_instability_that_no_run_shows(requirements):
     quiet, coarse = (UNSTABLE_ROW.format(name) for name in ("quiet", "coarse"))
     head = '[hertzloop]\nlaw = "velocity_feedback"\n'
@@ -177,6 +178,7 @@ def test_the_command_ends_as_documented(requirements, tmp_path):
     assert "has no limits" in refused.stderr
 
 
+@pytest.mark.full
 def test_both_spans_stand_in_one_table(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["budget", "oak-20mm", "--quick", "--no-real-plant", "--workers", "1",

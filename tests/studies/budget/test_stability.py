@@ -97,9 +97,9 @@ def searched(setup: Setup, name: str, value: float | None) -> tuple[BudgetQuanti
     return quantity, limit
 
 
-def tolerated_of(setup: Setup, name: str, value: float | None) -> tuple[BudgetLimit, BudgetLimit]:
+def tolerated_of(setup, name, value, margin=None):
     quantity, limit = searched(setup, name, value)
-    return lower_to_stable(setup, linear_margin(setup), quantity, limit, 10), limit
+    return lower_to_stable(setup, margin or linear_margin(setup), quantity, limit, 10), limit
 
 
 @pytest.mark.parametrize("kind", UNSTABLE)
@@ -110,7 +110,7 @@ def test_an_unstable_loop_tolerates_nothing(folder, kind):
     assert margin.latency_limit_steps == -1
     for name in QUANTITIES:
         quantity = next(q for q in quantities_of(setup) if q.name == name)
-        found, limit = tolerated_of(setup, name, quantity.reported(2))
+        found, limit = tolerated_of(setup, name, quantity.reported(2), margin)
         assert found.words() == "none (unstable loop)"
         assert (found.value, found.share, found.holds_again) == (None, None, ())
         assert found.impact_alone is limit
@@ -241,6 +241,7 @@ def test_a_requirement_beyond_the_stable_latency_names_it(pool, rows):
     assert held.passed
 
 
+@pytest.mark.full
 def test_the_check_says_so_too(rows):
     done = invoke(["budget", "--check", str(rows), "--json", "a.json", "--workers", "1"])
     assert done.exit_code == 1

@@ -20,6 +20,7 @@ from tests.studies.sweeping import COARSE
 SHORT = ["aluminium-3mm", "--set", "run.accuracy=0.05", "--set", "run.duration_s=0.0013"]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "words",
     [

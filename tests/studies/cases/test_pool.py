@@ -20,6 +20,7 @@ from hertzloop.studies.cases.evaluate import Numbered, chunked, run_cases, scene
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.cases.workers import WorkersLost
+from tests.tiers import default
 
 ROOT = Path(__file__).resolve().parents[3]
 TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]).scene)
@@ -124,7 +125,7 @@ def test_a_worker_that_dies_within_an_answer_holds_nobody_up():
     assert "WorkersLost: a worker process died in a case of the law mine.py." in said
 
 
-@pytest.mark.parametrize("by_case", [False, True])
+@pytest.mark.parametrize("by_case", default([False, True], [True]))
 def test_a_law_from_elsewhere_is_not_run_here(by_case, tmp_path, monkeypatch):
     """It may crash its process; what the others have found is not lost with it."""
     law = str(write(tmp_path))

@@ -13,7 +13,9 @@ from hertzloop.studies.margin.table import FrequencyResponse
 from tests.tiers import default
 
 
-@pytest.mark.parametrize("seed", [7, 9, 10])  # in 9 and 10, conjugate starts never converged
+@pytest.mark.parametrize(
+    "seed", default([7, 9, 10], [7])
+)  # in 9 and 10, conjugate starts never converged
 def test_counts_of_hard_loops_agree_with_all_poles(seed):
     checks = list(synthetic(seed, 150))
     assert [c for c in checks if not c.agrees] == []

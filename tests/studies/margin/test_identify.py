@@ -126,6 +126,7 @@ def test_sections_have_the_response_of_their_polynomials(sos):
     assert np.abs(found.at(z) - expected).max() <= 1e-11 * np.abs(expected).max()
 
 
+@pytest.mark.full
 def test_an_integrator_counts_as_a_slow_decay():
     keys = ["controller.numerator=[-1e-4]", "controller.denominator=[1, -1]"]
     found = margin_of(

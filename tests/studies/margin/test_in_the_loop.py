@@ -104,6 +104,7 @@ def test_a_sweep_has_the_growth_of_every_case(tmp_path):
     assert "Linear loop unstable in 4 of 4 cases" in " ".join(done.output.split())
 
 
+@pytest.mark.full
 def test_the_command_tune_refuses_an_unstable_loop(tmp_path):
     def front(*more: str) -> tuple[list[dict], str]:
         out = tmp_path / f"t{len(more)}.json"

@@ -121,6 +121,7 @@ def checked(loop: RandomLoop, seed: int) -> tuple[float, str, bool]:
     return margin, Search(loop, angle, seed).unstable(within), not constant.any()
 
 
+@pytest.mark.full
 def test_no_sequence_within_the_margin_of_a_random_loop_is_unstable():
     for i in range(20):
         margin, kind, constant = checked(random_loop(np.random.default_rng([7, i])), i)
@@ -162,6 +163,7 @@ def test_latencies_between_margin_and_limit_are_undecided():
     assert (found.verdict, found.margin_steps, found.burst) == ("undecided", 0, -1)
 
 
+@pytest.mark.full
 def test_a_clock_that_drifts_adds_a_sampling_period():
     settings = ("sensors.every_steps=3", "controller.clock_ppm=-20", "controller.clock_phase=0.4")
     found, constant = found_in(*settings), found_in(settings[0])
@@ -193,6 +195,7 @@ def test_the_command_tells_margin_and_verdict(setting, said, tmp_path):
         assert "sufficient, not necessary" in told.output
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("jitter_us", default([7, 60], quick=[7]))
 def test_the_compiled_loop_decays_within_the_margin(jitter_us):
     setup = load("aluminium-20mm", [*SCENE, f"controller.jitter_us={jitter_us}"]).vary(FLIGHT)

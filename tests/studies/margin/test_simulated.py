@@ -25,7 +25,10 @@ SCENE = [
         ["sensors.ac_coupling_hz=500", "sensors.every_steps=3"],
         ["sensors.resonance_hz=60000"],
         ["sensors.low_pass_hz=200000", "actuator.dead_time_us=4"],
-        ["controller.law=acceleration_feedback", "sensors.quantity=acceleration"],
+        pytest.param(
+            ["controller.law=acceleration_feedback", "sensors.quantity=acceleration"],
+            marks=pytest.mark.full,
+        ),
     ],
 )
 def test_growth_is_that_of_the_closed_loop(settings):

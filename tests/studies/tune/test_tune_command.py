@@ -87,6 +87,7 @@ def test_a_law_that_the_scene_has_not_is_tuned_in_whole_steps(law, key, tmp_path
     assert isinstance(best.get("controller.often", 1), int)
 
 
+@pytest.mark.full
 def test_nothing_is_said_to_beat_a_published_setting_that_a_scene_refuses(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # The published law needs the penetration, which only a sensor at the contact has.
