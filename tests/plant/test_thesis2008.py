@@ -172,6 +172,7 @@ def test_memory_as_one_state_is_the_published_sum(tau_s):
     assert len(gaps[0]) >= 34  # without damping 33
 
 
+@pytest.mark.full
 def test_flight_and_next_impact():
     plant = ThesisPlant(replace(published(), lead_in_s=1e-4), 200_000)
     starts, touching = [], False

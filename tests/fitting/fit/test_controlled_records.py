@@ -105,6 +105,7 @@ def test_the_latency_of_a_loop_is_found_with_an_interval():
     assert any("simulated under the law 'slope_threshold'" in note for note in found.notes)
 
 
+@pytest.mark.full
 def test_latency_and_gain_of_a_velocity_feedback():
     true = scene(f"{LATENCY}=3", f"{KAPPA}=0.5", f"{BANDWIDTH}=1e5", law="velocity_feedback")
     start = true.vary({LATENCY: 5.0, KAPPA: 0.4})

@@ -100,6 +100,7 @@ def test_intervals_of_a_wrong_class_hold_the_truth():
     assert not any(s.startswith("The model is not exact.") for s in sentences(exact))
 
 
+@pytest.mark.full
 def test_a_record_with_less_noise_than_the_simulation_has_error_keeps_its_gain():
     """Fewer modes than those of the fit leave a ringing at the touch, of 0.1 % of the peak."""
     seen = truth(scene(), "v_p", 300e-6, accuracy=1e-3)

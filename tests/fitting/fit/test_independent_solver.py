@@ -100,6 +100,7 @@ def test_a_record_without_noise_is_as_exact_as_the_simulation():
     assert found.model is ModelVerdict.FITS
 
 
+@pytest.mark.full
 def test_waves_from_the_edges_that_fit_almost_as_well_a_period_later_are_told_apart():
     drop = Drop(
         2.605e-3,

@@ -51,6 +51,7 @@ def test_every_transport_gives_the_same_run(scene, tmp_path, transport):
     assert "contact 1 began" in {event.message for event in again.events}
 
 
+@pytest.mark.full
 def test_a_scene_may_be_given_by_name_or_file(tmp_path):
     source = tmp_path / "mine.toml"
     source.write_text(to_toml(resolve(hertzloop.vary("aluminium-3mm", SHORT)).scene))

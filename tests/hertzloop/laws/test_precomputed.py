@@ -49,6 +49,7 @@ def test_force_in_the_loop_is_the_shifted_contact_force(source, delay):
     assert len(contact) > 25
 
 
+@pytest.mark.full
 def test_uncontrolled_force_in_the_published_scheme_is_without_damping():
     contact = uncontrolled_force_n(load("thesis-aluminium"))
     rows = simulate(load("thesis-aluminium", ["controller.law=off"])).truth

@@ -123,6 +123,7 @@ class Hesitant:
         raise AssertionError(sentence)
 
 
+@pytest.mark.full
 def test_a_level_that_changes_is_believed_once_all_samples_were_seen():
     found = [
         exchange(scene("rising"), seed, controller=Hesitant, max_exchange_steps=None if seed else 1)

@@ -54,6 +54,7 @@ def run(example: dict[str, str], recording: Path, *words: str) -> Iterator[list[
         yield started
 
 
+@pytest.mark.full
 @needs_cc
 @pytest.mark.parametrize("every", default([1, 3], [3]))
 def test_the_same_forces(example, tmp_path, every):

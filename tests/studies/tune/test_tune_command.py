@@ -70,6 +70,7 @@ def command(p, s, samples, i):
 """
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("law", "key"), [("fade_out", "fade_us"), ("precomputed", "delay_us"), ("mine.py", "wait_us")]
 )
