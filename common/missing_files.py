@@ -2,6 +2,8 @@
 
 import difflib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
 
@@ -33,6 +35,25 @@ def why_unreadable(path: str | Path, error: Exception, remedy: str = "") -> str:
     sentences = [word if word.endswith("?") else f"{word}." for word in words]
     text = " ".join([*sentences, remedy] if remedy else sentences)
     return text if remedy else text.removesuffix(".")
+
+
+@contextmanager
+def told_if_unreadable(
+    path: Path, named: str, remedy: str, kind: type[ValueError] = ValueError
+) -> Iterator[None]:
+    """Raise an error of this kind, with one sentence, if a file cannot be read in the context.
+
+    Args:
+        path: The file.
+        named: What names the file, and its path.
+        remedy: As of `why_unreadable`.
+        kind: Class of the error.
+    """
+    try:
+        yield
+    except (OSError, ValueError) as error:
+        why = why_unreadable(path, error, remedy)
+        raise kind(f"{named}: cannot be read: {why}") from error
 
 
 def close_name(path: Path) -> str | None:

@@ -1,12 +1,12 @@
 """What a run sounds like on the axis of its plate, as WAV files."""
 
 import math
-import wave
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.plant.metrics.noise import RADIATED_UP_TO_HZ
@@ -177,9 +177,6 @@ def write_sounds(
 
 def _write_wav(path: Path, share: np.ndarray) -> None:
     """Write samples, as shares of full scale, in 16 bits. Raises NotWritten."""
-    with wave.open(sound := BytesIO(), "wb") as file:
-        file.setnchannels(1)
-        file.setsampwidth(2)
-        file.setframerate(RATE_HZ)
-        file.writeframes(np.round(np.clip(share, -1.0, 1.0) * _FULL_SCALE).astype("<i2").tobytes())
+    codes = np.round(np.clip(share, -1.0, 1.0) * _FULL_SCALE).astype("<i2")
+    scipy.io.wavfile.write(sound := BytesIO(), RATE_HZ, codes)
     atomic_write(path, sound.getvalue())

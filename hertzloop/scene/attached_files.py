@@ -11,7 +11,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-from hertzloop.common.missing_files import why_unreadable
+from hertzloop.common.missing_files import told_if_unreadable
 from hertzloop.controller.loading.registry import find
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.structures.mode_file import SUFFIXES, read_modes
@@ -67,21 +67,16 @@ def inline_files(data: dict[str, Any], folder: Path) -> None:
 
 
 def _packed_modes(path: Path) -> dict[str, str]:
+    named = f"plate.modes = {quoted_path(path)}"
     if path.suffix.lower() not in SUFFIXES:
-        raise ValueError(
-            f"plate.modes = {quoted_path(path)}: unknown format. Use a file that ends in "
-            f"{', '.join(SUFFIXES)}."
-        )
-    try:
+        raise ValueError(f"{named}: unknown format. Use a file that ends in {', '.join(SUFFIXES)}.")
+    with told_if_unreadable(path, named, "Give the path of a table of modes."):
         content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        why = why_unreadable(path, error, "Give the path of a table of modes.")
-        raise ValueError(f"plate.modes = {quoted_path(path)}: cannot be read: {why}") from error
     read_modes(path.name, content)
     packed = base64.b64encode(zlib.compress(content, 9)).decode("ascii")
     if len(packed) > _MOST_PACKED:
         raise ValueError(
-            f"plate.modes = {quoted_path(path)}: needs {len(packed) / 1e6:.3g} MB in a "
+            f"{named}: needs {len(packed) / 1e6:.3g} MB in a "
             f"recording; the limit is {_MOST_PACKED / 1e6:.3g}. Use fewer modes or a coarser grid."
         )
     return {

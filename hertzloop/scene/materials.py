@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from hertzloop.common.missing_files import why_unreadable
+from hertzloop.common.missing_files import told_if_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.plant.structures.materials import (
     MATERIALS,
@@ -14,7 +14,7 @@ from hertzloop.plant.structures.materials import (
     material_of,
     materials_of,
 )
-from hertzloop.scene.errors import quoted_path, shortened, shown
+from hertzloop.scene.errors import quoted_path, shown
 from hertzloop.scene.tables import MaterialKey, MaterialTable
 
 
@@ -54,11 +54,9 @@ def expand_material(data: dict[str, Any], body: str) -> None:
 
 
 def read_materials(path: Path) -> list[dict[str, object]]:
-    try:
+    named = f"materials = {quoted_path(path)}"
+    with told_if_unreadable(path, named, "Give the path of a file of materials."):
         text = text_of(path.read_bytes())
-    except (OSError, ValueError) as error:
-        why = shortened(why_unreadable(path, error, "Give the path of a file of materials."))
-        raise ValueError(f"materials = {quoted_path(path)}: cannot be read: {why}") from error
     return [{"name": name, **table} for name, table in materials_of(text, str(path)).items()]
 
 

@@ -1,7 +1,7 @@
 """A run or a recording as plain data, which `--json` writes."""
 
 from collections.abc import Iterable
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict, replace
 from typing import Any
 
 from hertzloop.results.assessed_run import RunReport
@@ -9,9 +9,7 @@ from hertzloop.results.effects import EffectState, Neglected
 from hertzloop.results.inspection import Assessment, Inspected
 from hertzloop.results.metric_rows import MetricRow
 from hertzloop.results.metrics import Metrics
-from hertzloop.results.predictability import Predictability
 from hertzloop.results.recorded import Pacing
-from hertzloop.results.verification import Verification
 from hertzloop.views.details import facts_as_json, recorded_as_json
 from hertzloop.views.effects import out_of_range
 from hertzloop.views.report import streams_of
@@ -49,20 +47,14 @@ def effects_as_json(neglected: Neglected) -> dict[str, Any]:
     return {"validity": checks, "warnings": warnings}
 
 
-def _plain(found: Any) -> Any:
-    """Return dataclasses, alone or in a list, as dictionaries; anything else unchanged."""
-    if isinstance(found, list):
-        return [asdict(one) for one in found]
-    return asdict(found) if is_dataclass(found) else found  # type: ignore[arg-type]
-
-
 def metrics_as_json(found: Metrics) -> dict[str, Any]:
     """Return the metrics of a run as plain data.
 
     Keys are the fields of `Metrics`, with `validity` and `warnings` of `effects_as_json` in place
     of the neglected effects.
     """
-    data = {name: _plain(value) for name, value in vars(found).items() if name != "neglected"}
+    data = asdict(replace(found, neglected=Neglected(None)))
+    del data["neglected"]
     return data | effects_as_json(found.neglected)
 
 
@@ -73,16 +65,6 @@ def pacing_as_json(found: Pacing | None) -> dict[str, Any] | None:
     data = asdict(found)
     clock, is_repeat = data.pop("clock"), data.pop("is_repeat")
     return data | (clock or {"pace": None, "is_repeat": is_repeat})
-
-
-def predictability_as_json(found: Predictability) -> dict[str, Any]:
-    """Return the fields of `Predictability`."""
-    return asdict(found)
-
-
-def verification_as_json(found: Verification) -> dict[str, Any]:
-    """Return the fields of `Verification`, and `largest`."""
-    return asdict(found) | {"largest": found.largest}
 
 
 def rows_as_json(found: Iterable[MetricRow]) -> list[dict[str, Any]]:
@@ -103,7 +85,7 @@ def assessment_as_json(found: Inspected) -> dict[str, Any]:
         return data | _NO_METRICS
     return data | {
         **metrics_as_json(assessed.result.metrics),
-        "predictability": predictability_as_json(assessed.predictability),
+        "predictability": asdict(assessed.predictability),
         "verdict": verdict_sentences(assessed),
         "rows": rows_as_json(assessed.rows),
     }
@@ -125,7 +107,7 @@ def run_as_json(report: RunReport) -> dict[str, Any]:
         data |= {"repeats": str(report.options.repeat), "differs": report.differs}
     if report.options.verify:
         found = report.verification
-        data["verification"] = None if found is None else verification_as_json(found)
+        data["verification"] = found and asdict(found) | {"largest": found.largest}
     return data
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from hertzloop.common.missing_files import why_unreadable
+from hertzloop.common.missing_files import told_if_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.scene.errors import SceneError, shown
 from hertzloop.scene.setup import Setup
@@ -36,11 +36,9 @@ def read_uncertain(path: Path, setup: Setup) -> UncertainInputs:
         SceneError: the file cannot be read, or a distribution does not fit the scene.
     """
     name = f"--uncertain {path}"
-    try:
+    remedy = "Give the path of a TOML file with distributions."
+    with told_if_unreadable(path, f"--uncertain = {path}", remedy, SceneError):
         data = tomllib.loads(text_of(path.read_bytes()))
-    except (OSError, ValueError) as error:
-        why = why_unreadable(path, error, "Give the path of a TOML file with distributions.")
-        raise SceneError(f"--uncertain = {path}: cannot be read: {why}") from error
     try:
         fit = FitTable.model_validate(data["fit"]) if "fit" in data else None
     except ValidationError as error:

@@ -23,7 +23,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from hertzloop.common.missing_files import why_unreadable
+from hertzloop.common.missing_files import told_if_unreadable
 from hertzloop.common.text_files import text_of
 from hertzloop.results.spans import Span
 from hertzloop.scene.errors import SceneError
@@ -122,11 +122,9 @@ def beside(folder: Path, name: str) -> str:
 
 def read_requirements(path: Path) -> list[SceneRequirement]:
     """Read a file of requirements. Raises SceneError with the row and what is wrong in it."""
-    try:
+    remedy = "Give the path of a file of requirements."
+    with told_if_unreadable(path, str(path), remedy, SceneError):
         data = tomllib.loads(text_of(path.read_bytes()))
-    except (OSError, ValueError) as error:
-        why = why_unreadable(path, error, "Give the path of a file of requirements.")
-        raise SceneError(f"{path}: cannot be read: {why}") from error
     for_all = data.get("hertzloop")
     if not isinstance(for_all, dict):
         raise SceneError(f"{path}: has no table [hertzloop]. Add it, with law = FILE for all rows")
