@@ -132,11 +132,20 @@ def told(name: str, table: Any) -> str:
     return f"{name}.{key}" + (f" = '{value}'" if value else "")
 
 
+def parts_of(kind: Any) -> Iterator[Any]:
+    """A field or an annotation, and all that is written into it, however deep."""
+    yield kind
+    about = (*getattr(kind, "metadata", ()), *getattr(kind, "__metadata__", ()))
+    for inner in (*about, getattr(kind, "annotation", None), *get_args(kind)):
+        if inner is not None:
+            yield from parts_of(inner)
+
+
 def tables_of(annotation: Any) -> list[type[BaseModel]]:
     """The tables that a key can have: several of a table of several kinds, none of a value."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [table for inner in get_args(annotation) for table in tables_of(inner)]
+    return [
+        one for one in parts_of(annotation) if isinstance(one, type) and issubclass(one, BaseModel)
+    ]
 
 
 def tables_at(path: Sequence[str], model: type[BaseModel]) -> list[type[BaseModel]]:
@@ -168,7 +177,12 @@ def _keys(loc: Iterable[Any], model: type[BaseModel]) -> list[str]:
 def bounds_of(field: Any) -> str:
     """Range of a field in words, which say whether its ends belong to it; "" if it has not both
     ends."""
-    limits = dict(_limits(field))
+    limits = {
+        name: getattr(one, name)
+        for one in parts_of(field)
+        for name in ("ge", "gt", "le", "lt")
+        if hasattr(one, name)
+    }
     low, high = limits.get("ge", limits.get("gt")), limits.get("le", limits.get("lt"))
     if low is None or high is None:
         return ""
@@ -180,16 +194,6 @@ def bounds_of(field: Any) -> str:
 
 
 _OPEN = ("at least", "more than")  # how a range begins one of whose ends does not belong to it
-
-
-def _limits(kind: Any) -> Iterator[tuple[str, float]]:
-    """Bounds written into a field or an annotation, however deep, by pydantic's names."""
-    yield from ((key, getattr(kind, key)) for key in ("ge", "gt", "le", "lt") if hasattr(kind, key))
-    for inner in (*getattr(kind, "metadata", ()), *getattr(kind, "__metadata__", ())):
-        yield from _limits(inner)
-    for inner in (getattr(kind, "annotation", None), *get_args(kind)):
-        if inner is not None:
-            yield from _limits(inner)
 
 
 def quoted_path(path: Path) -> str:

@@ -1,12 +1,12 @@
 """Scenes with other values of some keys, as in a sweep."""
 
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import Any
 
 from hertzloop.controller.law import WHOLE_STEPS
 from hertzloop.controller.loading.registry import read_again
 from hertzloop.scene.controller_table import law_key
-from hertzloop.scene.errors import fields_of, tables_at
+from hertzloop.scene.errors import fields_of, parts_of, tables_at
 from hertzloop.scene.loading import change, validate_scene
 from hertzloop.scene.scene import Scene
 
@@ -74,6 +74,4 @@ def resolution_of(scene: Scene, key: str) -> float:
             kind = fields_of(tables_at(path, Scene))[last].annotation
         except KeyError:
             return 0.0
-    kinds = {kind, *get_args(kind)}
-    kinds |= {inner for outer in kinds for inner in get_args(outer)}
-    return 1.0 if int in kinds else 0.0
+    return 1.0 if any(one is int for one in parts_of(kind)) else 0.0
