@@ -30,7 +30,7 @@ from hertzloop.closed_loop.parts import series_under
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.state_kernels import STEP
-from hertzloop.results.stability import stability_of
+from hertzloop.results.statistics import stability_of
 from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup

@@ -13,14 +13,13 @@ import numpy as np
 from hertzloop.controller.law import ACTING
 from hertzloop.loop.simulate import LawStopped, SimulatedRun
 from hertzloop.plant.metrics.impacts import Impact
+from hertzloop.results.effect_rows import RunContext
 from hertzloop.results.effects import EffectState, names_by_state
 from hertzloop.results.facts import Level, described, fact, facts_of
 from hertzloop.results.impacts import ImpactMetrics, first_impact, impacts_of
-from hertzloop.results.run_context import RunContext
 from hertzloop.results.span_metrics import SPAN_FACTS, SpanMetrics, decibels, of_impact
 from hertzloop.results.spans import Span, follow
-from hertzloop.results.stability import Stability, stability_of
-from hertzloop.results.statistics import extremes_of
+from hertzloop.results.statistics import Stability, extremes_of, stability_of
 from hertzloop.results.whole_run import audible_modes, whole_run
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError

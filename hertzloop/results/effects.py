@@ -7,11 +7,9 @@ from enum import StrEnum
 import numpy as np
 
 from hertzloop.loop.simulate import simulate
-from hertzloop.results.effect_rows import ROWS, WITHOUT_PLATE, EffectRow
+from hertzloop.results.effect_rows import ROWS, WITHOUT_PLATE, EffectRow, RunContext
 from hertzloop.results.impacts import impacts_of
-from hertzloop.results.run_context import RunContext
-from hertzloop.results.stability import stability_of
-from hertzloop.results.statistics import Extremes, extremes_of
+from hertzloop.results.statistics import Extremes, extremes_of, stability_of
 from hertzloop.scene.setup import Setup
 
 _MOST_STEPS = 2_000_000  # that are simulated in memory

@@ -12,13 +12,14 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.effects import Neglected, neglected
 from hertzloop.results.impacts import impacts_of
 from hertzloop.results.span_metrics import SpanMetrics, ValuesBySpan, by_span, of_impact, values_of
-from hertzloop.results.stability import Stability, stability_of
 from hertzloop.results.statistics import (
     ActuatorDemand,
     ForceTiming,
+    Stability,
     demand_of,
     extremes_of,
     force_timing,
+    stability_of,
 )
 from hertzloop.results.whole_run import whole_run
 from hertzloop.scene.build import free_series

@@ -21,7 +21,7 @@ from hertzloop.results.curves import Overlay, overlay
 from hertzloop.results.deflection import deflection
 from hertzloop.results.inspection import inspected
 from hertzloop.results.recorded import pacing_of, setup_of, truth_of
-from hertzloop.results.stability import stability_of
+from hertzloop.results.statistics import stability_of
 from hertzloop.scene.build import free_series
 from hertzloop.scene.controller import latencies_us
 from hertzloop.scene.errors import SceneError

@@ -13,7 +13,7 @@ from hertzloop.results.metrics import Metrics, RunResult
 from hertzloop.results.predictability import errors_of, later_impacts_known
 from hertzloop.results.span_metrics import MUCH_DB
 from hertzloop.results.spans import IN_WORDS, OTHER, Span
-from hertzloop.results.stability import Stability
+from hertzloop.results.statistics import Stability
 from hertzloop.views.digits import change_text, known_digits, uncertain_text, value_texts
 from hertzloop.views.effects import OUT_OF_RANGE, out_of_range
 

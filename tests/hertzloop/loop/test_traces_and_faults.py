@@ -16,8 +16,8 @@ from hertzloop.recordings.reader import read as read_recording
 from hertzloop.recordings.recording import Recording
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.cases import metrics_of_case
+from hertzloop.results.effect_rows import RunContext
 from hertzloop.results.recorded import truth_of
-from hertzloop.results.run_context import RunContext
 from hertzloop.results.statistics import Extremes
 from hertzloop.scene.setup import parse
 from hertzloop.scene.toml import to_toml

@@ -12,7 +12,7 @@ from hertzloop.plant.actuator_kernels import MOST_N
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.time_series import F_A, XI_A, XI_P
 from hertzloop.results.cases import CaseState, UnstableLoop, metrics_of_case
-from hertzloop.results.stability import UNSTABLE, stability_of
+from hertzloop.results.statistics import UNSTABLE, stability_of
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup, load
 from hertzloop.studies.cases.evaluate import run_case
@@ -78,7 +78,7 @@ def test_no_shipped_scene_and_no_law_is_called_unstable(name):
 
 
 def test_its_metrics_are_those_of_the_work_done(monkeypatch):
-    monkeypatch.setattr("hertzloop.results.stability.UNSTABLE", 1e-6)
+    monkeypatch.setattr("hertzloop.results.statistics.UNSTABLE", 1e-6)
     scene = load("offcentre-6mm", ["run.duration_s=0.01", "controller.law=slope_threshold"])
     rows = simulate(scene).truth
     whole = stability_of(scene, rows)

@@ -4,7 +4,7 @@ from dataclasses import fields, replace
 
 import pytest
 
-from hertzloop.cli.budget_text import noise_lines, verdict_line, wider_lines
+from hertzloop.cli.budget import noise_lines, verdict_line, wider_lines
 from hertzloop.studies.budget.goal import Goal
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit
 from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant

@@ -179,7 +179,7 @@ def test_a_worker_that_is_lost_over_the_other_span_does_not_end_the_command(tmp_
     def lost(count):
         raise WorkersLost("a worker process died")
 
-    monkeypatch.setattr("hertzloop.cli.sweep_results.local_pool", lost)
+    monkeypatch.setattr("hertzloop.cli.sweep.local_pool", lost)
     over = ["--over", "run.touch_phase=0.25,0.75", "--set", COARSE[0], "--json", "told.json"]
     done = invoke(["sweep", "aluminium-3mm", *over, "--workers", "1"])
     assert done.exit_code == 0, done.output
