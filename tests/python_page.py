@@ -27,8 +27,8 @@ NAMES = {
         studies.budget.result.BudgetResult studies.budget.result.InPlant
         studies.budget.limits.BudgetLimit studies.budget.limits.Boundary api.studies.margin
         studies.margin.margin.MarginResult studies.margin.flight.Margin""",
-    "Fits": """api.measurements.read_record api.measurements.read_records
-        fitting.records.record.Record api.measurements.fit fitting.fit.results.FitResult
+    "Fits": """api.studies.read_record api.studies.read_records
+        fitting.records.record.Record api.studies.fit fitting.fit.results.FitResult
         fitting.fit.results.Estimate""",
     "Linear response": """api.studies.linear studies.margin.system.LinearSystem""",
     "Step by step": """api.stepper.Stepper""",

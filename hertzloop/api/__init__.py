@@ -6,10 +6,19 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from hertzloop.api.measurements import fit, read_record, read_records
 from hertzloop.api.runs import Run, compare, read, run, simulate
 from hertzloop.api.scenes import load, scene_names, vary
-from hertzloop.api.studies import budget, linear, margin, modes, sweep, tune
+from hertzloop.api.studies import (
+    budget,
+    fit,
+    linear,
+    margin,
+    modes,
+    read_record,
+    read_records,
+    sweep,
+    tune,
+)
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
 from hertzloop.scene.errors import SceneError

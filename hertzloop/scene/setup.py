@@ -26,8 +26,7 @@ from hertzloop.scene.loading import parse as parse_scene
 from hertzloop.scene.mechanics import Mechanics, resolve_mechanics
 from hertzloop.scene.plate_model import check_modes, describe_plant, on_infinite_plate
 from hertzloop.scene.scene import Scene
-from hertzloop.scene.sensor import resolve_sensor
-from hertzloop.scene.signal_path import keeps_force_smooth, resolve_signal_path
+from hertzloop.scene.sensor import keeps_force_smooth, resolve_sensor, resolve_signal_path
 from hertzloop.scene.tables import KINDS, RunTable, SensorsTable
 from hertzloop.scene.varying import resolution_of
 from hertzloop.scene.varying import vary as vary_scene

@@ -69,7 +69,7 @@ def control(setup: Setup) -> str:
     pieces = [table.law]
     for key, value in table.model_dump(exclude_none=True).items():
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if is_number and key not in _LINE_KEYS:
+        if is_number and key not in type(table).model_fields:
             name_without_unit, unit = unit_of(key)
             pieces.append(f"{name_without_unit} {value:g} {unit}".strip())
     pieces.append(f"latency {table.latency_us:g} us")
@@ -86,18 +86,6 @@ def control(setup: Setup) -> str:
         period = setup.sensor.every_steps * setup.run.step_ns / 1000
         pieces.append(f"a sample every {period:g} us")
     return ", ".join(pieces)
-
-
-_LINE_KEYS = (
-    "latency_us",
-    "jitter_us",
-    "clock_ppm",
-    "clock_phase",
-    "drop_out_probability",
-    "bits",
-    "full_scale_n",
-    "slew_n_s",
-)
 
 
 def _bits(where: str, bits: int | str) -> str:
