@@ -5,6 +5,7 @@ excuses nothing here.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,7 +19,7 @@ from hertzloop.fitting.fit.intervals import KeyUncertainty
 from hertzloop.fitting.fit.noise import ljung_box
 from hertzloop.fitting.fit.parameters import prior_pulls
 from hertzloop.fitting.fit.problem import ChannelIterate, FitProblem, Iterate
-from hertzloop.fitting.fit.results import ModelVerdict, Nuisance
+from hertzloop.fitting.fit.results import Estimate, KeyVerdict, ModelVerdict, Nuisance
 
 _F_QUIET = 200  # samples before the impact for the F test to decide alone
 _UNSURE = 2.0  # factor on the estimated error of a simulation
@@ -151,8 +152,7 @@ class ModelAssessment:
 def assess_model(
     problem: FitProblem,
     iterate: Iterate,
-    one_sided: set[str],
-    unsure: set[str],
+    estimates: Sequence[Estimate],
     held_out_over_noise: float,
 ) -> ModelAssessment:
     """Judge the class of models by the residual of a fit.
@@ -160,8 +160,7 @@ def assess_model(
     Args:
         problem: the fit.
         iterate: its solution, with the model taken as exact.
-        one_sided: keys that have an interval with one open end, and may be at a bound.
-        unsure: keys that are not identifiable, and may be at a bound.
+        estimates: of the keys; one that is not identified may be at a bound.
         held_out_over_noise: residual of held-out records over their noise; zero without any.
     """
     tests = ResidualTests(problem, iterate)
@@ -186,11 +185,11 @@ def assess_model(
     for name, pull in pulls.items():
         if abs(pull) > _PULL:
             reasons.append(f"The prior of {name} is pulled by {pull:z.1f} standard deviations.")
-    for key, side in at_bound.items():
-        if key not in one_sided | unsure:
+    for e in estimates:
+        if e.verdict is KeyVerdict.AT_BOUND:
             reasons.append(
-                f"{key} is at a bound of its range, the {side} one. Widen the range with --free "
-                f"{key}=LOW:HIGH, or check the other values of the scene."
+                f"{e.key} is at a bound of its range, the {at_bound[e.key]} one. Widen the range "
+                f"with --free {e.key}=LOW:HIGH, or check the other values of the scene."
             )
     if reasons:
         verdict = ModelVerdict.DOES_NOT_FIT
@@ -209,7 +208,7 @@ def assess_model(
         reasons.append(f"The held-out records are {held_out_over_noise:.3g} times the noise away.")
     else:
         verdict = ModelVerdict.FITS
-        if unsure:
+        if any(e.verdict is KeyVerdict.NOT_IDENTIFIABLE for e in estimates):
             reasons.append("The model fits, but not every key is identifiable.")
     ratio = tests.residual_over_noise
     return ModelAssessment(verdict, ratio, f_p, white_p, pulls, list(at_bound), reasons)

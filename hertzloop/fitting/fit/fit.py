@@ -28,7 +28,7 @@ from hertzloop.fitting.fit.problem_preparation import (
     rebuild_simulators,
     unique_names,
 )
-from hertzloop.fitting.fit.results import FitResult, KeyVerdict
+from hertzloop.fitting.fit.results import FitResult
 from hertzloop.fitting.fit.solution import solve
 from hertzloop.fitting.fit.step_scan import scan_steps
 from hertzloop.fitting.records.record import Record
@@ -112,9 +112,8 @@ def fit(
     problem, iterate = solution.problem, solution.iterate
     check_sample_count(iterate)
     known = key_uncertainty(problem, iterate, solution.shifts)
-    estimates, one_sided = estimate_keys(problem, iterate, known)
+    estimates = estimate_keys(problem, iterate, known)
     estimates = add_discrete_estimate(problem, estimates, known, solution.profile)
-    unsure = {e.key for e in estimates if e.verdict is KeyVerdict.NOT_IDENTIFIABLE}
     plain = solution.exact_iterate()
     values = problem.key_values(iterate.x)
     fitted = _fitted_setup(setup, values)
@@ -122,7 +121,7 @@ def fit(
     if hold_out:
         held = compare_hold_out(fitted, _under_same_law(hold_out, free), exact)
         held_over_noise = held["residual_over_noise"]
-    assessment = assess_model(problem, plain, one_sided, unsure, held_over_noise)
+    assessment = assess_model(problem, plain, estimates, held_over_noise)
     return FitResult(
         **common_fields(problem, plain, known, assessment),
         estimates=estimates,
@@ -152,14 +151,13 @@ def _fit_growing_windows(problem: FitProblem) -> _WindowsFit:
     else:
         x = problem.start_vector()
     x = best_start(problem, x)
-    *early_ends, until_s = ends = problem.windows_s()
-    shorter = []
-    for i, end in enumerate(early_ends):
+    ends, iterates = problem.windows_s(), []
+    for i, end in enumerate(ends):
         counter.expect(len(ends) - i + _LAST_STAGES, keys)
-        shorter.append(minimise(problem, x, end, early=True, steps=15, tolerance=1e-3))
-        x = shorter[-1].x
-    counter.expect(1 + _LAST_STAGES, keys)
-    iterate = minimise(problem, x, until_s, steps=15, tolerance=1e-3)
+        early = end < ends[-1]
+        iterates.append(minimise(problem, x, end, early, steps=15, tolerance=1e-3))
+        x = iterates[-1].x
+    *shorter, iterate = iterates
     counter.expect(_LAST_STAGES, keys)
     if not problem.looped:
         iterate = search_lower_minimum(problem, iterate, shorter)

@@ -124,13 +124,10 @@ def estimate_from_covariance(
     return Estimate(f.key, value, low, high, verdict, f.start, sd if known else None, pull, percent)
 
 
-def estimate_keys(
-    problem: FitProblem, iterate: Iterate, known: KeyUncertainty
-) -> tuple[list[Estimate], set[str]]:
-    """Return estimates of all keys, and those of them that a bound or a flat side makes
-    one-sided."""
+def estimate_keys(problem: FitProblem, iterate: Iterate, known: KeyUncertainty) -> list[Estimate]:
+    """Return estimates of all keys."""
     pulls = prior_pulls(problem, iterate.x)
-    found, one_sided = [], set()
+    found = []
     for j, f in enumerate(problem.varied_keys):
         value = problem.key_values(iterate.x)[f.key]
         sd, alone = float(known.sd[j]), float(known.alone[j])
@@ -142,12 +139,9 @@ def estimate_keys(
         if f.prior is None and (f.key == PRESSURE_KEY or (doubtful and flat)):
             rise = _chi_square_rise(problem, iterate, j, known.wider)
             profiled = _open_end(f, estimate, rise)
-            if profiled is not None:
-                estimate = profiled
-                if estimate.low is None or estimate.high is None:
-                    one_sided.add(f.key)
-        found.append(_beyond_bound(estimate, at_bound, one_sided))
-    return found, one_sided
+            estimate = profiled or estimate
+        found.append(_beyond_bound(estimate, at_bound))
+    return found
 
 
 def add_discrete_estimate(
@@ -184,12 +178,11 @@ def add_discrete_estimate(
     return found
 
 
-def _beyond_bound(e: Estimate, at_bound: str, one_sided: set[str]) -> Estimate:
+def _beyond_bound(e: Estimate, at_bound: str) -> Estimate:
     """Return the estimate of a key, with the verdict "at its bound" where it ended there: then the
     range made the value, and the records may ask for one beyond."""
     if not at_bound or e.verdict is not KeyVerdict.IDENTIFIED:
         return e
-    one_sided.discard(e.key)
     low, high = (None, e.high) if at_bound == "low" else (e.low, None)
     return replace(e, low=low, high=high, verdict=KeyVerdict.AT_BOUND, sd_log=None)
 
