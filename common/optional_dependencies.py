@@ -11,7 +11,6 @@ EXTRAS = {
     "fmpy": "interop",
     "distributed": "dask",
     "control": "control",
-    "optuna": "comparisons",
     "sdypy": "comparisons",
 }
 

@@ -38,7 +38,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # Packages of the extra `all-tests`, one for each of its lines that tests import.
 _ALL_TESTS = (
     "control", "cosmic_ray", "cryptography", "distributed", "fmpy", "grpc_tools", "gymnasium",
-    "h5py", "hatchling", "mkdocs", "nbclient", "optuna", "pymoo", "pythonfmu",
+    "h5py", "hatchling", "mkdocs", "nbclient", "pymoo", "pythonfmu",
     "sdypy", "skfem", "sksundae",
 )  # fmt: skip
 

@@ -16,7 +16,6 @@ from tests.tiers import default
 CONCLUSIONS = {
     "benchmarks.budget_agreement": r"Of 1 limits 0 differ from brute force, and the search takes",
     "benchmarks.cases": r"One core runs [\d,]+ cases of the latency map in a second, and \d+%",
-    "benchmarks.compare_tuning": r"In aluminium-3mm hertzloop finds -[\d.]+ dB and TPE -[\d.]+ dB",
     "benchmarks.costs": r"A step in contact over 1104 frequencies takes [\d.]+ us, and an",
     "benchmarks.exported": r"For this processor the exported plant takes [\d.]+ us a step",
     "benchmarks.few_modes": r"On 4 random plates .* and within it [34] times",
