@@ -36,10 +36,11 @@ def succeed(*words: object) -> str:
     return said(result)
 
 
-def refused(sentence: str, *words: object) -> str:
-    """What a command says that ends as the user's mistake, with this sentence."""
+def refused(sentence: str, *words: object, code: int = 2) -> str:
+    """What a command says that ends with this sentence and exit code, by default as the user's
+    mistake."""
     result = call(*words)
-    assert result.exit_code == 2, result.output
+    assert result.exit_code == code, result.output
     assert sentence in said(result)
     return said(result)
 

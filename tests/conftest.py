@@ -167,3 +167,12 @@ def warm_kernels():
 
     with _alone(".tests"):
         ensure_compiled()
+
+
+@pytest.fixture(scope="session")
+def pool():
+    """What studies run their cases in: this process."""
+    from hertzloop.studies.cases.pool import local_pool
+
+    with local_pool(1) as found:
+        yield found

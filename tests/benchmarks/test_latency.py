@@ -2,17 +2,8 @@
 
 import math
 
-import pytest
-
 from benchmarks import latency as study
 from hertzloop.scene.setup import load
-from hertzloop.studies.cases.pool import local_pool
-
-
-@pytest.fixture(scope="module")
-def pool():
-    with local_pool(1) as pool:
-        yield pool
 
 
 def named(*settings: str) -> study.Named:

@@ -83,7 +83,6 @@ CASES = [
 
 
 @pytest.mark.full
-@pytest.mark.full
 def test_laws_and_sensors():
     native, *others = (json.loads(said(name, "-c", PROGRAM, json.dumps(CASES))) for name in FEW)
     assert len(set(native)) > 20

@@ -2,10 +2,7 @@
 
 import hashlib
 import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -14,8 +11,9 @@ from hertzloop.controller.controller import SignalPath
 from hertzloop.loop.answering import answer_samples
 from tests.controller.drive import SLOPE, make
 from tests.controller.specs import LawSpec
+from tests.hertzloop.commands import python
+from tests.hertzloop.own_laws import ROOT
 
-ROOT = Path(__file__).parents[2]
 SCRIPT = """
 import numba
 from tests.controller.test_uncompiled import fingerprint
@@ -57,13 +55,5 @@ def fingerprint() -> str:
 
 
 def test_compiled_and_uncompiled_give_the_same_bits():
-    uncompiled = subprocess.run(
-        [sys.executable, "-c", SCRIPT],
-        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert uncompiled.returncode == 0, uncompiled.stderr
+    uncompiled = python("-c", SCRIPT, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, cwd=ROOT)
     assert uncompiled.stdout.strip() == fingerprint()

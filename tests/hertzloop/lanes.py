@@ -11,6 +11,7 @@ from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, SUBSCRIPTIONS, Envelope, StreamFault
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.plant_node import ExchangeOptions, LoopStats, PlantNode
+from hertzloop.loop.repeated_run import RepeatedRun
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.recording import Recording
@@ -56,6 +57,8 @@ class Pair:
     timeout_s: float = EVENTUALLY_S
     shared_memory: bool = True
     takes_lane: bool = True
+    pace: float | None = None
+    repeat: RepeatedRun | None = None
     heard: list[Envelope] = field(default_factory=list)
     fault: str = ""
     controller_fault: str = ""
@@ -69,7 +72,10 @@ class Pair:
         self.plant = PlantNode(
             self.scene,
             self.ports[PLANT],
-            ExchangeOptions(timeout_s=self.timeout_s, shared_memory=self.shared_memory),
+            ExchangeOptions(
+                timeout_s=self.timeout_s, shared_memory=self.shared_memory, pace=self.pace
+            ),
+            repeat=self.repeat,
         )
         self.controller = ControllerNode(self.ports[CONTROLLER], shared_memory=self.takes_lane)
 

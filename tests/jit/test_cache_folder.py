@@ -2,8 +2,6 @@
 
 import os
 import pickle
-import subprocess
-import sys
 from pathlib import Path
 
 import numba
@@ -11,22 +9,17 @@ import pytest
 from numba import config
 
 from hertzloop.common.jit import shipped
+from tests.hertzloop.commands import python
+from tests.hertzloop.own_laws import ROOT
 
-ROOT = Path(__file__).parents[2]
 # Imports a kernel and says where it is kept.
 WHERE = "from hertzloop.controller.kernels import convert_force as k; print(k._cache.cache_path)"
 
 
 def where(environment: dict[str, str], script: str = WHERE) -> tuple[Path, str]:
     """Folder of the kernels in a process with this environment alone, and what it complains of."""
-    done = subprocess.run(
-        [sys.executable, "-B", "-c", script],
-        env={"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT)} | environment,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
+    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": str(ROOT)} | environment
+    done = python("-B", "-c", script, env=environment, cwd=ROOT)
     return Path(done.stdout.strip()).parent, done.stderr
 
 

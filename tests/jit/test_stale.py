@@ -4,16 +4,15 @@ import ast
 import os
 import re
 import shutil
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from hertzloop.common.jit.folder import kernel_sources
+from tests.hertzloop.commands import python
+from tests.hertzloop.own_laws import ROOT
 
-ROOT = Path(__file__).parents[2]
 LINKED = ("common", "plant", "sensors", "controller", "bus", "recordings")  # from hertzloop/
 FOLDERS = ("hertzloop", "benchmarks", *LINKED)
 
@@ -54,16 +53,7 @@ def run(script: str, folder: Path, **more: str) -> str:
         "NUMBA_CACHE_DIR": str(folder / "cache"),
         "HERTZLOOP_CACHE": "",
     }
-    done = subprocess.run(
-        [sys.executable, "-B", "-c", script],
-        cwd=folder,
-        env=os.environ | own | more,
-        capture_output=True,
-        text=True,
-        timeout=200,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return python("-B", "-c", script, cwd=folder, env=os.environ | own | more).stdout
 
 
 def edit(path: Path, pattern: str, new: str) -> None:
@@ -110,13 +100,9 @@ print(theirs._cache.cache_path)
 """
     (tmp_path / "theirs.py").write_text(script)
     env = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
-    done = subprocess.run(
-        [sys.executable, tmp_path / "theirs.py"],
-        env=env | {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)},
-        capture_output=True,
-        text=True,
-    )
-    assert done.stdout.strip() == str(tmp_path / "__pycache__"), done.stderr
+    env |= {"PYTHONPATH": str(ROOT), "HOME": str(tmp_path)}
+    found = python(tmp_path / "theirs.py", env=env).stdout.strip()
+    assert found == str(tmp_path / "__pycache__")
 
 
 def test_the_digest_sees_all_that_is_compiled_in():

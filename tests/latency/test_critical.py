@@ -9,7 +9,6 @@ plate energy crosses that without control at a shallow angle (20 mm), 5 %.
 import pytest
 
 from benchmarks.latency import SCENES, critical
-from hertzloop.studies.cases.pool import local_pool
 
 NAMED = {named.name: named for named in SCENES}
 # Scene, law: least and largest critical latency (us; inf: survives all tried), bits.
@@ -23,12 +22,6 @@ BANDS = {
     ("aluminium-20mm", "slope_threshold"): (272, 300, 3, 4),
 }
 NEVER_BETTER = [("aluminium-3mm", "slope_threshold"), ("aluminium-3mm", "least_squares")]
-
-
-@pytest.fixture(scope="module")
-def pool():
-    with local_pool(1) as pool:
-        yield pool
 
 
 @pytest.fixture(scope="module")

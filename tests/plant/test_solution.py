@@ -2,10 +2,7 @@
 
 import json
 import os
-import subprocess
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +11,8 @@ from scipy.integrate import solve_ivp
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.state_kernels import AWAKE, GRAVITY_M_S2, XI_P
+from tests.hertzloop.commands import python
+from tests.hertzloop.own_laws import ROOT
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import after_steps, run, spec
 
@@ -98,14 +97,7 @@ for beside in (None, (0.28, 0.25)):
 @pytest.mark.full
 def test_uncompiled_kernels_give_the_same_values():
     def lines(**more: str) -> list:
-        done = subprocess.run(
-            [sys.executable, "-c", SHORT],
-            env=os.environ | more,
-            capture_output=True,
-            text=True,
-            check=True,
-            cwd=Path(__file__).parents[2],
-        )
+        done = python("-c", SHORT, env=os.environ | more, cwd=ROOT)
         return [json.loads(line) for line in done.stdout.splitlines()]
 
     for compiled, plain in zip(lines(), lines(NUMBA_DISABLE_JIT="1"), strict=True):

@@ -190,6 +190,13 @@ def samples(recording: Recording) -> dict[tuple[str, str], bytes]:
     }
 
 
+def check_beginnings(kept: Recording, original: Recording) -> None:
+    """Every array of a recording is the beginning of the original's."""
+    whole = samples(original)
+    for key, values in samples(kept).items():
+        assert whole[key].startswith(values), key
+
+
 def looked_at(path: Path, original: Recording, shown: bool) -> Recording | None:
     """What is done with a recording, through to what a person sees if it is `shown`; None
     if a sentence says that it is none. Raises AssertionError."""
@@ -236,10 +243,7 @@ def try_one(path: Path, out: Path, original: Recording, shown: bool) -> list[byt
         return None
     assert kept.problems, "said to be complete"
     assert kept.scene_toml == original.scene_toml
-    for name in SAMPLED:
-        full = getattr(original, name)
-        for label, values in getattr(kept, name).arrays.items():
-            assert values.tobytes() == full.arrays[label][: len(values)].tobytes(), label
+    check_beginnings(kept, original)
     if not repaired(path, out, kept):
         return []
     return [one for _, inside in chunks(out.read_bytes()) for one in inside]

@@ -78,17 +78,25 @@ def messages(path: Path) -> list[Sent]:
     return found
 
 
-def write(path: Path, original: Path, sent: Iterable[Sent]) -> Path:
-    """A recording like `original`, with these messages."""
+def write(
+    path: Path,
+    original: Path,
+    sent: Iterable[Sent],
+    scene_toml: str = "",
+    fault: str = "",
+    **metadata: str,
+) -> Path:
+    """A recording like `original` with these messages; its scene, fault and metadata are those that
+    are given."""
     source = read(original)
     writer = RecordingWriter(path)
-    writer.scene(source.scene_toml, source.metadata)
+    writer.scene(scene_toml or source.scene_toml, source.metadata | metadata)
     if source.law_source:
         writer.law(source.law_source)
     for item in sent:
         payload = codec.encode(item.header, **item.arrays)
         writer.write(item.stream, payload, item.number, item.time_ns)
-    writer.finish(source.result)
+    writer.finish(source.result | ({"fault": fault} if fault else {}))
     return path
 
 

@@ -8,7 +8,6 @@ import json
 import re
 import shutil
 import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ import pytest
 from hertzloop.bus.streams import STREAMS
 from hertzloop.recordings.reader import read
 from tests.recordings.rewriting import messages, record
+from tests.recordings.test_replay import rerun
 
 pytestmark = pytest.mark.full
 
@@ -83,15 +83,6 @@ def test_typescript_decodes_by_the_embedded_schemas(by_typescript, recording):
         [message, kinds.values_by_name[kind].number] for message, kind in by_typescript["events"]
     ]
     assert named == data
-
-
-def rerun(*words: str | Path) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "rerun", *map(str, words)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
-    assert "ERROR" not in done.stderr
-    return done.stdout
 
 
 def test_rerun_finds_nothing_wrong(file, counts):

@@ -8,7 +8,7 @@ from mcap.writer import Writer
 
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from tests.commands import call
+from tests.commands import succeed
 from tests.recordings.rewriting import record
 
 
@@ -44,12 +44,6 @@ def with_temperatures(original: Path, path: Path, count: int, **options: bool) -
     return path
 
 
-def said(*words: object) -> str:
-    result = call(*words)
-    assert result.exit_code == 0, result.output
-    return result.stdout
-
-
 def test_messages_of_other_topics_are_counted_and_told(tmp_path):
     original = record(tmp_path / "a.mcap", compiled=True)
     path = with_temperatures(original, tmp_path / "b.mcap", 3, enable_data_crcs=True)
@@ -57,10 +51,10 @@ def test_messages_of_other_topics_are_counted_and_told(tmp_path):
     assert found.others == 3
     assert not found.problems
     assert first_difference(read(original), found) is None
-    assert "Ignored: 3 messages of other topics." in said("inspect", path, "--details")
-    assert "Ignored" not in said("inspect", original, "--details")
+    assert "Ignored: 3 messages of other topics." in succeed("inspect", path, "--details")
+    assert "Ignored" not in succeed("inspect", original, "--details")
     whole = tmp_path / "c.mcap"
-    assert "; ignored: 3 of other topics" in said("repair", path, "--out", whole)
+    assert "; ignored: 3 of other topics" in succeed("repair", path, "--out", whole)
     assert read(whole).others == 0
 
 
@@ -77,9 +71,9 @@ def test_a_file_of_another_writer_needs_no_checksums(tmp_path, chunked):
     assert first_difference(read(original), found) is None
     assert found.unchecked == 1 + chunked  # a chunk, and all data together
     sentence = f"{found.unchecked} parts of the file have no checksum"
-    assert f"Not checked: {sentence}" in said("inspect", path)
-    assert "Not checked" not in said("inspect", original)
-    assert f"b.mcap: {sentence}" in call("repair", path, "--out", whole).output
+    assert f"Not checked: {sentence}" in succeed("inspect", path)
+    assert "Not checked" not in succeed("inspect", original)
+    assert f"b.mcap: {sentence}" in succeed("repair", path, "--out", whole)
     assert read(whole).unchecked == 0
     path.write_bytes(path.read_bytes()[:-60])
     assert any("damaged" in problem for problem in read(path).problems)

@@ -129,9 +129,6 @@ def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it():
     assert exploding.selection_ns[1] <= 4_000_000
 
 
-# The plate as drawn
-
-
 # What is handed to the viewer
 
 STEP_S = 1e-6

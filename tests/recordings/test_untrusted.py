@@ -3,7 +3,6 @@ thousandfold when unpacked."""
 
 import struct
 import subprocess
-import sys
 import zlib
 
 import pytest
@@ -11,15 +10,15 @@ import zstandard
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.opcode import Opcode
 
-from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import Hello
 from hertzloop.recordings import run_reader
 from hertzloop.recordings.mcap_file import RECORD_BYTES
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError, RecordingWriter
 from tests.commands import call
+from tests.hertzloop.commands import python
 from tests.recordings.damages import scene_end
-from tests.recordings.rewriting import Sent, messages, record, rewrite
+from tests.recordings.rewriting import Sent, messages, record, rewrite, write
 
 
 @pytest.fixture(scope="module")
@@ -109,21 +108,20 @@ def test_a_bomb(whole, tmp_path, size, count, words):
     start = scene_end(content)
     path.write_bytes(content[:start] + packed_chunk(size) * count + content[start:])
     assert path.stat().st_size < 5e5
-    done, used = measured("inspect", str(path))
-    assert done.returncode == 1, done.stderr
+    done, used = measured("inspect", path, code=1)
     assert words in " ".join(done.stdout.split())
     assert used < 600e6, used
 
 
-def measured(*words: str) -> tuple[subprocess.CompletedProcess, float]:
-    """A command, run to its end, and the most memory it held, bytes."""
+def measured(*words: object, code: int = 0) -> tuple[subprocess.CompletedProcess, float]:
+    """A command, run to its end with an exit code, and the most memory it held, bytes."""
     script = (
         "import resource, subprocess, sys;"
         "done = subprocess.run([sys.executable, '-m', 'hertzloop', *sys.argv[1:]]);"
         "print('peak', resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, file=sys.stderr);"
         "sys.exit(done.returncode)"
     )
-    done = subprocess.run([sys.executable, "-c", script, *words], capture_output=True, text=True)
+    done = python("-c", script, *words, code=code)
     peak = int(done.stderr.rsplit("peak", 1)[1])
     return done, peak * 1024.0
 
@@ -150,23 +148,16 @@ EVIL = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202egnol\u2066\u200b[red]\x7f"
 @pytest.fixture(scope="module")
 def evil(whole, tmp_path_factory):
     """A recording with characters that control a terminal wherever it holds text."""
-    source, path = read(whole), tmp_path_factory.mktemp("evil") / "evil.mcap"
-    writer = RecordingWriter(path)
-    toml = "".join(f"\\u{ord(c):04x}" for c in EVIL)
-    words = dict.fromkeys(("scene", "run_id", "hertzloop", "host", "python", "note"), EVIL)
-    writer.scene(
-        f'title = "{toml}"\n' + source.scene_toml.replace('"steel"', f'"steel{toml}"'),
-        {**source.metadata, **words},
-    )
-    for item in messages(whole):
+    path, sent = tmp_path_factory.mktemp("evil") / "evil.mcap", messages(whole)
+    for item in sent:
         if item.stream.startswith("end/"):
             item.header.report.law = EVIL
         elif item.stream.startswith("events/"):
             item.header.message = EVIL
-        payload = codec.encode(item.header, **item.arrays)
-        writer.write(item.stream, payload, item.number, item.time_ns)
-    writer.finish({**source.result, "fault": EVIL})
-    return path
+    toml = "".join(f"\\u{ord(c):04x}" for c in EVIL)
+    scene = read(whole).scene_toml.replace('"steel"', f'"steel{toml}"')
+    words = dict.fromkeys(("scene", "run_id", "hertzloop", "host", "python", "note"), EVIL)
+    return write(path, whole, sent, f'title = "{toml}"\n{scene}', **words)
 
 
 def test_no_text_of_a_recording_controls_the_terminal(evil, whole, tmp_path):

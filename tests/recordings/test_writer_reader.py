@@ -183,8 +183,6 @@ class TestWriter:
         with pytest.raises(RecordingError, match=r"kept\.mcap exists. Choose another name"):
             RecordingWriter(path)
         assert path.read_bytes() == b"precious"
-        RecordingWriter(path, overwrite=True).finish({})
-        assert path.read_bytes() == b"precious"  # nothing has come to replace it
         writer = RecordingWriter(path, overwrite=True)
         writer.scene("# scene", {})
         writer.finish({})
@@ -232,11 +230,6 @@ class TestFromElsewhere:
             read(path)
 
 
-def channels(path: Path) -> set[str]:
-    with path.open("rb") as file:
-        return {r.topic for r in StreamReader(file).records if isinstance(r, Channel)}
-
-
 def test_a_recording_without_a_controller_says_so(tmp_path):
     """Only the scene came: readable, with everything that is missing named."""
     path = tmp_path / "run.mcap"
@@ -244,7 +237,8 @@ def test_a_recording_without_a_controller_says_so(tmp_path):
     writer.scene("# scene", {"steps": "10"})
     writer.finish({})
     kept: Recording = read(path)
-    assert channels(path) == set()
+    with path.open("rb") as file:
+        assert not any(isinstance(r, Channel) for r in StreamReader(file).records)
     assert kept.daq.samples == kept.force.samples == kept.truth.samples == 0
     assert len(kept.daq.values) == 0
     assert kept.problems == [

@@ -14,19 +14,16 @@ import pytest
 from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
-from hertzloop.bus.streams import PLANT
 from hertzloop.closed_loop import clock
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import LateForces
-from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
-from hertzloop.loop.repeated_run import RepeatedRun, repeated_run
+from hertzloop.loop.repeated_run import repeated_run
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.results.recorded import class_ends_ns, pacing_of, responses_of
 from hertzloop.scene.setup import Setup
 from tests.commands import as_options, refused
 from tests.hertzloop.commands import (
-    EVENTUALLY_S,
     child_of,
     ended,
     grown_to,
@@ -44,30 +41,12 @@ def feedback(*settings: str) -> Setup:
     return aluminium_3mm(*FEEDBACK, "run.duration_s=0.0025", *settings)
 
 
-def paced(scene: Setup, pace: float, lane: bool = True, timeout_s: float = EVENTUALLY_S) -> Pair:
-    pair = Pair(scene, timeout_s, shared_memory=lane)
-    options = ExchangeOptions(timeout_s=timeout_s, shared_memory=lane, pace=pace)
-    pair.plant = PlantNode(scene, pair.ports[PLANT], options)
-    return pair
-
-
-def repeated(scene: Setup, repeat: RepeatedRun, lane: bool = True) -> Pair:
-    pair = Pair(scene, shared_memory=lane)
-    pair.plant = PlantNode(
-        scene,
-        pair.ports[PLANT],
-        ExchangeOptions(timeout_s=EVENTUALLY_S, shared_memory=lane),
-        repeat=repeat,
-    )
-    return pair.run()
-
-
 @pytest.mark.full
 @pytest.mark.parametrize("lane", [True, False])
 def test_with_time_to_spare_it_is_the_run_in_lock_step(lane, tmp_path):
     """A step every 20 ms, and 21 steps from a sample to its force."""
     scene = feedback("controller.latency_us=20", "run.duration_s=0.00006")
-    pair = paced(scene, 0.00005, lane).run()
+    pair = Pair(scene, shared_memory=lane, pace=0.00005).run()
     assert pair.fault == pair.controller_fault == ""
     assert pair.stats.wall_s >= 1.17  # the last of 60 steps begins then
     assert pair.stats.shared_memory == ("JOINED" if lane else "")
@@ -87,7 +66,8 @@ def test_with_time_to_spare_it_is_the_run_in_lock_step(lane, tmp_path):
 def test_late_forces_repeat_to_the_bit(lane, tmp_path):
     """Two threads of one process cannot hold a step every 10 us."""
     scene = feedback()
-    first = paced(scene, 0.1, lane).run().recorded(tmp_path / "paced.mcap")
+    pair = Pair(scene, shared_memory=lane, pace=0.1).run()
+    first = pair.recorded(tmp_path / "paced.mcap")
     assert not first.problems
     found = pacing_of(first)
     held = first.truth.arrays["held_steps"]
@@ -96,18 +76,18 @@ def test_late_forces_repeat_to_the_bit(lane, tmp_path):
     assert found.longest_sequence == max(len(row) for row in rows if row[0])
     assert found.clock.answers == first.daq.samples - 1  # but the one in lock-step
     repeat = repeated_run(first)
-    again = repeated(scene, repeat, not lane)
+    again = Pair(scene, shared_memory=not lane, repeat=repeat).run()
     assert again.fault == again.controller_fault == ""
     assert first_difference(first, again.recorded(tmp_path / "again.mcap")) is None
     # Without the late forces it is another run.
     other = replace(repeat, held_steps=np.zeros_like(held))
-    assert "this is not the same run" in repeated(scene, other).fault
+    assert "this is not the same run" in Pair(scene, repeat=other).run().fault
 
 
 def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path):
     """A controller that stops for 0.1 s at a pace that leaves 2.1 ms."""
     scene = feedback("controller.latency_us=20", "run.duration_s=0.0025")
-    pair = paced(scene, 0.01)
+    pair = Pair(scene, pace=0.01)
     work, slept = pair.controller.work, threading.Event()
 
     def pause(timeout_s: float) -> None:
@@ -128,7 +108,7 @@ def test_a_row_of_late_forces_is_counted_and_numbered(tmp_path):
 
 
 def test_a_silent_controller_is_named(monkeypatch):
-    pair = paced(feedback("run.duration_s=0.02"), 0.01, timeout_s=2.0)
+    pair = Pair(feedback("run.duration_s=0.02"), 2.0, pace=0.01)
     work = ControllerNode.work
 
     def stop(node: ControllerNode, timeout_s: float) -> None:
@@ -224,7 +204,7 @@ def test_classes_of_response_times():
 
 def test_what_is_no_histogram(tmp_path):
     """A file may hold anything."""
-    pair = paced(feedback("run.duration_s=0.00002"), 0.01).run()
+    pair = Pair(feedback("run.duration_s=0.00002"), pace=0.01).run()
     recording = pair.recorded(tmp_path / "a.mcap")
     assert recording.pacing is not None
     assert responses_of(recording) is not None

@@ -13,11 +13,11 @@ from hertzloop.bus.messages_pb2 import ControllerReport, Hello
 from hertzloop.bus.sequence_checker import other_version
 from hertzloop.bus.streams import STREAMS, Envelope, StreamFault
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.writer import RecordingError, RecordingWriter
-from tests.commands import call, said
+from hertzloop.recordings.writer import RecordingError
+from tests.commands import refused, succeed
 from tests.hertzloop.exchange import exchange
 from tests.hertzloop.short_runs import scene
-from tests.recordings.rewriting import messages, record
+from tests.recordings.rewriting import messages, record, write
 
 OTHER = json.dumps({"hertzloop": "0.7.3", "numpy": "2.4"})
 BOTH = f"hertzloop 0.7.3, this is {__version__}"
@@ -71,18 +71,14 @@ def test_another_version_is_refused_with_both_named(stream, change, words):
 def test_a_recording_of_a_later_version(tmp_path):
     """Its samples are there; what needs its scene says why not."""
     whole, path = record(tmp_path / "whole.mcap"), tmp_path / "later.mcap"
-    source = read(whole)
-    writer = RecordingWriter(path)
-    text = source.scene_toml.replace("[controller]\n", LATER)
-    writer.scene(text, {**source.metadata, "versions": OTHER})
-    for item in messages(whole):
+    source, sent = read(whole), messages(whole)
+    for item in sent:
         if item.stream in ("hello", "end/controller"):
             later(item.header if item.stream == "hello" else item.header.report)
         if item.stream == "hello":
             item.header.versions = OTHER
-        payload = codec.encode(item.header, **item.arrays)
-        writer.write(item.stream, payload, item.number, item.time_ns)
-    writer.finish(source.result)
+    text = source.scene_toml.replace("[controller]\n", LATER)
+    write(path, whole, sent, text, versions=OTHER)
 
     kept = read(path)
     assert kept.problems == []
@@ -90,15 +86,12 @@ def test_a_recording_of_a_later_version(tmp_path):
     with pytest.raises(RecordingError, match="foresight.*it was recorded by " + BOTH):
         interface.read(path)
     for words, code in (
-        (["inspect", str(path)], 1),
-        (["replay", str(path), "--save", str(tmp_path / "a.rrd")], 1),
-        (["run", "--repeat", str(path), "--out", str(tmp_path / "new.mcap")], 2),
+        (["inspect", path], 1),
+        (["replay", path, "--save", tmp_path / "a.rrd"], 1),
+        (["run", "--repeat", path, "--out", tmp_path / "new.mcap"], 2),
     ):
-        done = call(*words)
-        assert done.exit_code == code, done.output
-        assert "it was recorded by " + BOTH in said(done), words
-        assert "foresight" in said(done)
-    assert call("compare", str(path), str(whole)).exit_code == 0
+        assert "foresight" in refused("it was recorded by " + BOTH, *words, code=code)
+    succeed("compare", path, whole)
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,8 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -40,17 +42,22 @@ def bounded():
     timer.cancel()
 
 
+@contextmanager
 def waiting_for(
     folder: Path, works: dict[str, tuple[str, ...]], silence_s: float = EVENTUALLY_S
-) -> Launcher:
-    """A launcher whose processes do this."""
+) -> Iterator[Launcher]:
+    """A launcher whose processes do this; it leaves none of them behind."""
     launcher = Launcher(scene(), folder / "run.mcap", RunOptions())
     launcher._silence_s = silence_s
     with deferred():
         for role, wanted in works.items():
             title = f"hertzloop {role}"
             launcher.children.append(start_role(role, folder / role, title, does, *wanted))
-    return launcher
+    try:
+        yield launcher
+    finally:
+        launcher._end_all()
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize(
@@ -70,31 +77,22 @@ def waiting_for(
 )
 def test_one_that_does_not_end_is_named(silence_s, works, sentence, tmp_path, monkeypatch):
     monkeypatch.setattr(launchers, "_LEAVE_S", 2.0)
-    launcher = waiting_for(tmp_path, works, silence_s)
-    try:
-        with pytest.raises(RunFailed, match=sentence):
-            launcher.wait()
-    finally:
-        launcher._end_all()
-    assert not multiprocessing.active_children()
+    with (
+        waiting_for(tmp_path, works, silence_s) as launcher,
+        pytest.raises(RunFailed, match=sentence),
+    ):
+        launcher.wait()
 
 
 @pytest.mark.full
 def test_processes_of_roles_that_are_done_keep_nobody(tmp_path):
-    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, ("done", "stays")))
-    try:
+    with waiting_for(tmp_path, dict.fromkeys(ROLES, ("done", "stays"))) as launcher:
         launcher.wait()
-    finally:
-        launcher._end_all()
-    assert not multiprocessing.active_children()
 
 
 def test_a_process_with_threads_starts_its_roles_afresh(tmp_path):
     """A fork would copy locks that another thread holds."""
     threads = len(os.listdir("/proc/self/task"))
     assert threads > 1  # of the timer
-    launcher = waiting_for(tmp_path, dict.fromkeys(ROLES, ()))
-    try:
+    with waiting_for(tmp_path, dict.fromkeys(ROLES, ())) as launcher:
         assert launcher.wait()["busy_s"] == {}
-    finally:
-        launcher._end_all()

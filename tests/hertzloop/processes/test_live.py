@@ -9,7 +9,6 @@ import pytest
 
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.recordings.replay import viewer
 from tests.commands import as_options, refused
 from tests.hertzloop.commands import (
     LONG,
@@ -22,6 +21,7 @@ from tests.hertzloop.commands import (
 )
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 from tests.ports import free_ports
+from tests.recordings.test_replay import rerun
 
 RUN = ["run.duration_s=0.1", "run.accuracy=0.1"]
 NO_SCREEN = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
@@ -50,7 +50,7 @@ def test_who_watches_sees_the_run_and_changes_nothing(tmp_path, hangs):
     assert first_difference(read(tmp_path / "a.mcap"), alone) is None
     ended(watcher)
     if not hangs:
-        assert "/live/velocity/v_p" in shown_in(rrd)
+        assert "/live/velocity/v_p" in rerun("rrd", "stats", rrd)
 
 
 @pytest.mark.full
@@ -59,7 +59,7 @@ def test_what_an_interrupted_watcher_saw_is_kept(tmp_path):
     watcher.send_signal(signal.SIGTERM)
     said = f"interrupted; what was seen until now is in {rrd}"
     assert finish(watcher) == (130, said)
-    assert "/live/velocity/v_p" in shown_in(rrd)
+    assert "/live/velocity/v_p" in rerun("rrd", "stats", rrd)
     run.send_signal(signal.SIGINT)
     ended(run, 130)
 
@@ -70,7 +70,7 @@ def test_a_watcher_ends_when_the_plant_does_without_a_word(tmp_path):
     child_of(run, "plant").kill()
     lost = "the plant left the run without a final message"
     assert finish(watcher) == (1, f"{lost}; what was seen until now is in {rrd}")
-    assert "/live/velocity/v_p" in shown_in(rrd)
+    assert "/live/velocity/v_p" in rerun("rrd", "stats", rrd)
     ended(run, 1)
 
 
@@ -90,16 +90,6 @@ def watching(ports: list[int], rrd: Path, *more: str, stdin: int) -> subprocess.
     watcher = start("node", "watch", *words, stdin=stdin)
     assert "waiting for run 'mine'" in next_line(watcher, watcher.stderr)
     return watcher
-
-
-def shown_in(rrd: Path) -> str:
-    """What a file for the viewer has, as that says it."""
-    return subprocess.run(
-        [str(viewer.executable()), "rrd", "stats", str(rrd)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-    ).stdout
 
 
 @pytest.mark.full

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from hertzloop.views.report import next_lines
-from tests.commands import call, said, succeed
+from tests.commands import refused, succeed
 from tests.hertzloop.commands import (
     LONG,
     WELL_UNDER_WAY,
@@ -73,10 +73,9 @@ def test_repair_says_how_much_is_there_and_what_is_missing(tmp_path):
     path = tmp_path / "a.mcap"
     succeed("run", *SHORT, "--transport", "compiled", "--out", path)
     os.truncate(path, path.stat().st_size // 2)
-    done = call("repair", path)
-    assert done.exit_code == 0, done.output
-    assert "of 1.3 ms of simulated time" in said(done)
-    assert f"missing or damaged in {path}:" in " ".join(done.stderr.split())
+    told = succeed("repair", path)
+    assert "of 1.3 ms of simulated time" in told
+    assert f"missing or damaged in {path}:" in told
 
 
 @pytest.mark.parametrize(("path", "shown"), [("-x.mcap", "./-x.mcap"), ("a b.mcap", "'a b.mcap'")])
@@ -92,6 +91,5 @@ def test_a_folder_for_results_that_could_not_be_written_is_removed(tmp_path, mon
 
     monkeypatch.setattr("hertzloop.common.atomic_files.os.replace", full)
     folder = tmp_path / "new" / "sounds"
-    done = call("listen", tmp_path / "a.mcap", "--out-dir", folder)
-    assert done.exit_code == 1
+    refused("No space left on device", "listen", tmp_path / "a.mcap", "--out-dir", folder, code=1)
     assert not folder.parent.exists()

@@ -1,6 +1,5 @@
 """Goals, and the limits that a search finds."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,8 @@ from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.request import BudgetRequest
 from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.cases.evaluate import evaluate
-from tests.commands import invoke
+from tests.commands import call
+from tests.hertzloop.scenes import json_in
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 GOAL = parse_goal("plate_energy_db <= -0.1")
@@ -138,9 +138,9 @@ def test_a_bug_of_the_law_and_its_refusal_are_told_apart(
     Path("late.py").write_text(LATE_LAW.replace("{refusal}", refusal))
     options = ["--quick", "--no-real-plant", "--only", "latency_us", "--workers", "1"]
     options += ["--set", SHORT[0], "--law", "late.py", "--goal", "plate_energy_db <= 99"]
-    done = invoke(["budget", "aluminium-3mm", *options, "--json", "found.json"])
+    done = call("budget", "aluminium-3mm", *options, "--json", "found.json")
     assert done.exit_code == exit_code, done.output
-    limit = json.loads(Path("found.json").read_text())["limits"]["latency_us"]
+    limit = json_in("found.json")["limits"]["latency_us"]
     assert (limit["boundary"], limit["value"]) == (boundary, 3.0)
     assert ("ZeroDivisionError" in done.output) == (boundary == "failed")
 

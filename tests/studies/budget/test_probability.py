@@ -17,7 +17,7 @@ from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.uncertain import UncertainInput, with_draws
 from hertzloop.studies.cases.uncertain_file import read_uncertain, uncertain_of
 from hertzloop.studies.sweep.results_file import read_results
-from tests.commands import invoke
+from tests.commands import call, succeed
 
 SHORT = ["run.duration_s=0.0016", "controller.law=force_feedback"]
 
@@ -147,7 +147,7 @@ def test_a_file_of_distributions_that_cannot_be_is_refused(tmp_path, text, said)
 
 def test_a_scene_holds_its_own_distributions(tmp_path):
     scene = tmp_path / "mine.toml"
-    plain = invoke(["scene", "show", "aluminium-3mm"]).stdout
+    plain = call("scene", "show", "aluminium-3mm").stdout
     scene.write_text(
         plain + '[uncertain]\n"plate.thickness_m" = { distribution = "normal", '
         "mean = 0.003, standard_deviation = 1e-5 }\n"
@@ -161,12 +161,11 @@ def test_a_scene_holds_its_own_distributions(tmp_path):
     words = ["sweep", str(scene), "--set", SHORT[0], "--over", "controller.latency_us=0,2",
              "--uncertain", str(scene), "--cases", "4", "--workers", "1",
              "--out", str(tmp_path / "a.csv")]  # fmt: skip
-    done = invoke(words)
-    assert done.exit_code == 0, done.output
+    said = succeed(*words)
     rows, header = read_results(tmp_path / "a.csv")
     assert len({row["digest"] for row in rows}) == len(rows) == 8
     drawn = {row["plate.thickness_m"] for row in rows}
     at = header["design"]["drawn_keys"].index("plate.thickness_m")
     assert {one[at] for one in header["design"]["drawn"]} == drawn
     assert len(drawn) == 4
-    assert "Over draws of the uncertain keys" in done.output
+    assert "Over draws of the uncertain keys" in said

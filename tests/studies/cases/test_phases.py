@@ -1,7 +1,6 @@
 """Mean and range over the touch phase: in sweeps, in tuning, of critical latencies."""
 
 import csv
-import json
 import re
 
 import numpy as np
@@ -15,7 +14,8 @@ from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.score import with_spreads
 from hertzloop.studies.tune.search import search_law
-from tests.commands import as_options, invoke
+from tests.commands import as_options, invoke, refused, succeed
+from tests.hertzloop.scenes import json_in
 
 CHEAP = ("run.accuracy=0.1", "run.duration_s=0.0013")
 EARLY = (*CHEAP, "controller.v_thr_m_s=-0.6")
@@ -40,21 +40,16 @@ def test_a_sweep_over_phases(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["sweep", "aluminium-3mm", *as_options(EARLY), "--workers", "1"]
     words += ["--over", "controller.latency_us=0,3", "--phases", "5"]
-    done = invoke([*words, "-o", "a.csv", "--json", "a.json"])
-    assert done.exit_code == 0, done.output
-    assert "Over touch phases: mean (least to most)" in done.output
+    told = succeed(*words, "-o", "a.csv", "--json", "a.json")
+    assert "Over touch phases: mean (least to most)" in told
     assert len(list(csv.DictReader((tmp_path / "a.csv").open()))) == 10
-    groups = json.loads((tmp_path / "a.json").read_text())["over_phases"]
-    for group in groups:
+    for group in json_in("a.json")["over_phases"]:
         values = by_hand(controller__latency_us=group["controller.latency_us"])
         found = group["plate_energy_db"]
         assert found["mean"] == pytest.approx(np.mean(values))
         assert (found["least"], found["most"]) == pytest.approx((min(values), max(values)))
-    wrong = invoke(
-        ["sweep", "--design", "sobol", "--phases", "3", "--over", "controller.kappa=0:1"]
-    )
-    assert wrong.exit_code == 2
-    assert "--phases 3 needs --design grid" in wrong.output.replace("\n", " ")
+    wrong = ["--design", "sobol", "--phases", "3", "--over", "controller.kappa=0:1"]
+    refused("--phases 3 needs --design grid", "sweep", *wrong)
 
 
 def test_a_sweep_shows_the_height_of_a_rebound_that_is_zero_without_control(tmp_path, monkeypatch):

@@ -1,8 +1,6 @@
 """The processes of a sweep: when there are any, what each of them runs, and that none is left."""
 
 import errno
-import subprocess
-import sys
 import threading
 from multiprocessing import active_children
 from multiprocessing.context import SpawnProcess
@@ -20,9 +18,10 @@ from hertzloop.studies.cases.evaluate import Numbered, chunked, run_cases, scene
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.cases.workers import WorkersLost
+from tests.hertzloop.commands import python
+from tests.hertzloop.own_laws import ROOT
 from tests.tiers import default
 
-ROOT = Path(__file__).resolve().parents[3]
 TOML = to_toml(load("aluminium-3mm", ["run.accuracy=0.1"]).scene)
 
 
@@ -119,9 +118,7 @@ with pool.local_pool(2) as results:
 @pytest.mark.full
 def test_a_worker_that_dies_within_an_answer_holds_nobody_up():
     """Python's pool waits for the rest of it, for as long as anybody could still write there."""
-    said = subprocess.run(
-        [sys.executable, "-c", HALVED, TOML], cwd=ROOT, capture_output=True, text=True, timeout=120
-    ).stderr
+    said = python("-c", HALVED, TOML, cwd=ROOT, code=1).stderr
     assert "WorkersLost: a worker process died in a case of the law mine.py." in said
 
 

@@ -1,7 +1,5 @@
 """All closed-loop poles, the binding mode, and what the command writes."""
 
-import json
-
 import numpy as np
 import pytest
 import scipy.signal as sg
@@ -14,7 +12,8 @@ from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
 from hertzloop.studies.margin.loop import Loop
 from hertzloop.studies.margin.poles import closed_loop_poles
-from tests.commands import invoke
+from tests.commands import succeed
+from tests.hertzloop.scenes import json_in
 from tests.tiers import default
 
 VELOCITY = ["controller.law=velocity_feedback"]
@@ -98,13 +97,11 @@ def test_the_picture_shows_limit_and_state(kappa):
 
 
 def test_the_command_writes_picture_numbers_and_plant(tmp_path):
-    done = invoke(["margin", "oak-20mm", "--law", "velocity_feedback", "--set",
-                   "controller.kappa=0.4", "--out-dir", str(tmp_path / "out")])  # fmt: skip
-    assert done.exit_code == 0, done.output
-    said = " ".join(done.output.split())
+    words = ["--law", "velocity_feedback", "--set", "controller.kappa=0.4"]
+    said = succeed("margin", "oak-20mm", *words, "--out-dir", tmp_path / "out")
     assert "stable in flight at 0 us: it tolerates a latency of up to 497" in said
     assert "limited by modes (7, 1), (5, 5), (1, 7) at 770.3" in said
-    data = json.loads((tmp_path / "out" / "margin.json").read_text())
+    data = json_in(tmp_path / "out" / "margin.json")
     assert data["binding_mode"]["indices"] == [[7, 1], [5, 5], [1, 7]]
     assert (tmp_path / "out" / "margin.png").read_bytes()[:4] == b"\x89PNG"
     plant = np.load(tmp_path / "out" / "plant.npz")
@@ -113,10 +110,9 @@ def test_the_command_writes_picture_numbers_and_plant(tmp_path):
 
 def test_the_command_points_to_the_budget(tmp_path):
     def margin(*words: str) -> str:
-        done = invoke(["margin", "aluminium-3mm", *words, "--json", str(tmp_path / "m.json")])
-        assert done.exit_code == 0, done.output
-        assert json.loads((tmp_path / "m.json").read_text())["applicable"] is False
-        return " ".join(done.output.split())
+        said = succeed("margin", "aluminium-3mm", *words, "--json", tmp_path / "m.json")
+        assert json_in(tmp_path / "m.json")["applicable"] is False
+        return said
 
     said = margin()
     assert "No margin: not a linear loop (it waits for a threshold" in said

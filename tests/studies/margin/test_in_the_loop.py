@@ -1,6 +1,5 @@
 """Run, sweep and tune say when the linear loop is unstable and the run too short to show it."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,8 @@ from hertzloop.scene.setup import load
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.sweep.results_file import read_results
-from tests.commands import as_options, invoke
+from tests.commands import as_options, succeed
+from tests.hertzloop.scenes import json_in
 
 ROUGH = ["run.accuracy=0.01", "run.duration_s=0.0016"]
 SHORT = [*ROUGH, "controller.latency_us=2"]
@@ -19,11 +19,9 @@ VELOCITY = [*SHORT, *FEEDBACK]
 
 
 def report_of(tmp_path: Path, settings: list[str]) -> tuple[dict, str]:
-    out = tmp_path / "report.json"
-    done = invoke(["run", "aluminium-3mm", *as_options(settings), "--transport", "compiled",
-                   "-o", str(tmp_path / "x.mcap"), "--json", str(out)])  # fmt: skip
-    assert done.exit_code == 0, done.output
-    return json.loads(out.read_text()), " ".join(done.output.split())
+    out, words = tmp_path / "report.json", [*as_options(settings), "--transport", "compiled"]
+    said = succeed("run", "aluminium-3mm", *words, "-o", tmp_path / "x.mcap", "--json", out)
+    return json_in(out), said
 
 
 def test_a_run_warns_of_an_instability_that_it_cannot_show(tmp_path):
@@ -73,7 +71,7 @@ def test_an_undamped_plate_is_the_limit_of_little_damping(tmp_path):
     assert found.unstable_poles == little.unstable_poles > 0
     assert found.growth_per_s == pytest.approx(little.growth_per_s, rel=1e-4)
     assert found.gain_margin == 0.0
-    assert invoke(["margin", "aluminium-3mm", *as_options(UNDAMPED)]).exit_code == 0
+    succeed("margin", "aluminium-3mm", *as_options(UNDAMPED))
     report, said = report_of(tmp_path, UNDAMPED)
     assert report["linear_loop"]["per_s"] == found.growth_per_s
     assert "Linear loop unstable" in said
@@ -92,28 +90,25 @@ def test_no_analysis_costs_the_results_of_a_run(tmp_path, monkeypatch):
 def test_a_sweep_has_the_growth_of_every_case(tmp_path):
     out, told = tmp_path / "r.parquet", tmp_path / "t.json"
     settings = [*ROUGH, *FEEDBACK, "controller.kappa=0.4"]
-    done = invoke(["sweep", "aluminium-3mm", *as_options(settings),
-                   "--over", "controller.latency_us=2,3", "--over", "run.touch_phase=0,0.6",
-                   "--workers", "1", "-o", str(out), "--json", str(told)])  # fmt: skip
-    assert done.exit_code == 0, done.output
+    over = ["--over", "controller.latency_us=2,3", "--over", "run.touch_phase=0,0.6"]
+    words = [*as_options(settings), *over, "--workers", "1", "-o", out, "--json", told]
+    said = succeed("sweep", "aluminium-3mm", *words)
     for row in read_results(out)[0]:
         latency = f"controller.latency_us={row['controller.latency_us']}"
         case = load("aluminium-3mm", [*settings, latency])
         assert row["growth_per_s"] == margin_of(case).growth_per_s > 0.0
-    assert json.loads(told.read_text())["unstable_loops"] == 4
-    assert "Linear loop unstable in 4 of 4 cases" in " ".join(done.output.split())
+    assert json_in(told)["unstable_loops"] == 4
+    assert "Linear loop unstable in 4 of 4 cases" in said
 
 
 @pytest.mark.full
 def test_the_command_tune_refuses_an_unstable_loop(tmp_path):
     def front(*more: str) -> tuple[list[dict], str]:
         out = tmp_path / f"t{len(more)}.json"
-        done = invoke(["tune", "aluminium-3mm", *as_options(VELOCITY),
-                       "--minimise", "plate_energy_db", "--vary", "controller.kappa=0:0.6",
-                       "--generations", "2", "--population",
-                       "6", "--json", str(out), *more])  # fmt: skip
-        assert done.exit_code == 0, done.output
-        return json.loads(out.read_text())["front"], " ".join(done.output.split())
+        words = ["--minimise", "plate_energy_db", "--vary", "controller.kappa=0:0.6"]
+        words += ["--generations", "2", "--population", "6", "--json", out, *more]
+        said = succeed("tune", "aluminium-3mm", *as_options(VELOCITY), *words)
+        return json_in(out)["front"], said
 
     [free], said = front()
     assert free["unstable_loop"]["unstable_poles"] > 0

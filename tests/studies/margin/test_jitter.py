@@ -1,6 +1,5 @@
 """The jitter margin: closed forms, an independent response, a search, and verdicts on scenes."""
 
-import json
 import math
 
 import numpy as np
@@ -22,7 +21,8 @@ from hertzloop.studies.margin.jitter import (
 )
 from hertzloop.studies.margin.linear import TransferFunction
 from hertzloop.studies.margin.loop import PolyphaseLoop
-from tests.commands import invoke
+from tests.commands import as_options, succeed
+from tests.hertzloop.scenes import json_in
 from tests.tiers import default
 
 SCENE = [
@@ -182,17 +182,16 @@ def test_a_clock_that_drifts_adds_a_sampling_period():
     ],
 )
 def test_the_command_tells_margin_and_verdict(setting, said, tmp_path):
-    words = [word for one in [*SCENE, setting] for word in ("--set", one)]
-    told = invoke(["margin", "aluminium-20mm", *words, "--json", str(tmp_path / "m.json")])
-    assert told.exit_code == 0
-    assert said in " ".join(told.output.split())
-    jitter = json.loads((tmp_path / "m.json").read_text())["jitter"]
+    words = [*as_options([*SCENE, setting]), "--json", tmp_path / "m.json"]
+    told = succeed("margin", "aluminium-20mm", *words)
+    assert said in told
+    jitter = json_in(tmp_path / "m.json")["jitter"]
     if "latency" in setting:
         assert jitter["margin_steps"] == -1
-        assert "jitter margin" not in told.output
+        assert "jitter margin" not in told
     else:
         assert jitter["margin_steps"] == 7
-        assert "sufficient, not necessary" in told.output
+        assert "sufficient, not necessary" in told
 
 
 @pytest.mark.full

@@ -1,7 +1,6 @@
 """The page of a run: whole by itself, and without an error in a browser."""
 
 import html
-import json
 import re
 import shutil
 import subprocess
@@ -12,8 +11,9 @@ import pytest
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import load
-from tests.commands import as_options, call
+from tests.commands import as_options, refused, succeed
 from tests.hertzloop.own_laws import write_law
+from tests.hertzloop.scenes import json_in
 from tests.recordings.rewriting import messages, write
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
@@ -28,8 +28,7 @@ UNSTABLE = ["controller.law=velocity_feedback", "controller.kappa=0.4", "run.dur
 
 def page_of(folder: Path, scene: str, settings: list[str]) -> Path:
     record_in_process(load(scene, settings), folder / "a.mcap", compiled=True)
-    result = call("report", folder / "a.mcap", "-o", folder)
-    assert result.exit_code == 0, result.output
+    succeed("report", folder / "a.mcap", "-o", folder)
     return folder / "a.html"
 
 
@@ -91,9 +90,7 @@ def test_a_run_that_explodes_says_so_and_one_without_contact_too(tmp_path):
 
 
 def test_a_page_is_not_replaced_unasked(page):
-    result = call("report", page.with_suffix(".mcap"), "-o", page.parent)
-    assert result.exit_code == 2
-    assert "exists" in result.output
+    refused("exists", "report", page.with_suffix(".mcap"), "-o", page.parent)
 
 
 TWICE = ["run.duration_s=0.15", "run.accuracy=0.02"]  # two impacts, the second one chaotic
@@ -104,22 +101,20 @@ def bounces(tmp_path_factory):
     """A run that bounces, made as by a user, and what it said."""
     path = tmp_path_factory.mktemp("bounces") / "a.mcap"
     words = ("--transport", "compiled", "--out", path, "--json", path.with_suffix(".json"))
-    result = call("run", "aluminium-3mm", *as_options(TWICE), *words)
-    assert result.exit_code == 0, result.output
+    succeed("run", "aluminium-3mm", *as_options(TWICE), *words)
     return path
 
 
 def text_of(recording: Path) -> str:
     """What the page of a recording says."""
     folder = recording.parent / f"page-{recording.stem}"
-    result = call("report", recording, "-o", folder)
-    assert result.exit_code == 0, result.output
+    succeed("report", recording, "-o", folder)
     return html.unescape((folder / f"{recording.stem}.html").read_text())
 
 
 @pytest.mark.full
 def test_the_page_says_what_the_run_said(bounces):
-    told = json.loads(bounces.with_suffix(".json").read_text())
+    told = json_in(bounces.with_suffix(".json"))
     text = text_of(bounces)
     assert told["verdict"]
     assert "Later impacts are not predictable." in told["verdict"]
@@ -153,8 +148,8 @@ def test_what_another_program_controlled_is_not_said_to_repeat(bounces, tmp_path
     assert "holds no text of the law that ran, mine 1.0" in text
     assert read(path).law_source not in text
     assert "digits as recorded" in text
-    assert "Digits as recorded" in call("inspect", path).output
-    assert "digits as recorded" in call("inspect", path, "--details").output
+    assert "Digits as recorded" in succeed("inspect", path)
+    assert "digits as recorded" in succeed("inspect", path, "--details")
 
 
 @pytest.mark.full
@@ -168,10 +163,9 @@ def test_a_law_comes_out_of_its_recording(tmp_path, monkeypatch):
     law.unlink()
     Path("aluminium-3mm.toml").write_text(read(Path("a.mcap")).scene_toml)
     write = ("inspect", "a.mcap", "--law", str(law))
-    assert call(*write).exit_code == 0
+    succeed(*write)
     assert law.read_bytes() == source
-    assert call(*write).exit_code == 2  # it is there now
+    refused("", *write)  # it is there now
     again = ("run", "aluminium-3mm.toml", "--set", f"controller.law={law}", "--out", "b.mcap")
-    for command in ((*again, "--transport", "compiled"), ("compare", "b.mcap", "a.mcap")):
-        result = call(*command)
-        assert result.exit_code == 0, result.output
+    succeed(*again, "--transport", "compiled")
+    succeed("compare", "b.mcap", "a.mcap")

@@ -1,6 +1,5 @@
 """Sweeps: designs, cases and their metrics, same bytes as processes, results, mistakes."""
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,8 @@ from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.sweep import sweep as study
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.results_file import read_results, write_results
-from tests.commands import invoke
+from tests.commands import as_options, call, refused, succeed
+from tests.hertzloop.scenes import json_in
 from tests.studies.sweeping import COARSE, ONE_WORKER
 
 
@@ -92,17 +92,15 @@ def test_a_repeated_sweep_says_that_its_results_are_there(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     words = ["sweep", "aluminium-3mm", "--set", COARSE[0], "--over", "sensors.bits=8,9"]
     words += ["--workers", "1", "--out", "r.csv"]
-    first = invoke(words)
+    first = call(*words)
     assert first.exit_code == 0, first.output
     before = (tmp_path / "r.csv").read_bytes()
     (tmp_path / "r.csv.partial").touch()  # the signal came before it was removed
-    again = invoke(words)
+    again = call(*words)
     assert again.exit_code == 0, again.output
     assert "r.csv has the results of this sweep" in again.stderr
     assert again.stdout.splitlines()[:9] == first.stdout.splitlines()[:9]
-    other = invoke([*words, "--set", "controller.latency_us=1"])
-    assert other.exit_code == 2
-    assert "r.csv exists" in other.stderr
+    refused("r.csv exists", *words, "--set", "controller.latency_us=1")
     assert (tmp_path / "r.csv").read_bytes() == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.csv", "r.csv.json"]
 
@@ -139,19 +137,12 @@ def test_other_files_are_no_results(tmp_path, name, header):
 
 def test_an_unstable_case_was_run_but_has_no_metrics(tmp_path):
     report = tmp_path / "r.json"
-    words = ["sweep", "aluminium-20mm", "--workers", "1", "--span", "run", "--json", str(report),
-             "-o", str(tmp_path / "r.csv"), "--over", "controller.kappa=0.2,1.2"]  # fmt: skip
-    for setting in (
-        *COARSE,
-        "controller.law=velocity_feedback",
-        "controller.latency_us=20",
-        "run.duration_s=0.01",
-    ):
-        words += ["--set", setting]
-    done = invoke(words)
-    assert done.exit_code == 0, done.stderr
-    assert "1 of 2 cases are unstable and have no metrics" in done.stdout
-    told = json.loads(report.read_text())
+    late = ["controller.law=velocity_feedback", "controller.latency_us=20", "run.duration_s=0.01"]
+    words = ["--workers", "1", "--span", "run", "--json", report, "-o", tmp_path / "r.csv"]
+    words += ["--over", "controller.kappa=0.2,1.2", *as_options([*COARSE, *late])]
+    said = succeed("sweep", "aluminium-20mm", *words)
+    assert "1 of 2 cases are unstable and have no metrics" in said
+    told = json_in(report)
     assert (told["ran"], told["failed"], told["unstable"]) == (2, 0, 1)
 
 
@@ -168,9 +159,7 @@ def test_mistakes_in_a_sweep_end_it(tmp_path, monkeypatch, words, code, says):
     monkeypatch.chdir(tmp_path)
     Path("folder.csv").mkdir()
     usual = ["sweep", "--workers", "1", "--over", "controller.kappa=0,1", "-o", "r.csv"]
-    found = invoke([*usual, *words])
-    assert found.exit_code == code
-    assert says in found.stderr
+    refused(says, *usual, *words, code=code)
 
 
 def test_a_worker_that_is_lost_over_the_other_span_does_not_end_the_command(tmp_path, monkeypatch):
@@ -181,9 +170,6 @@ def test_a_worker_that_is_lost_over_the_other_span_does_not_end_the_command(tmp_
 
     monkeypatch.setattr("hertzloop.cli.sweep.local_pool", lost)
     over = ["--over", "run.touch_phase=0.25,0.75", "--set", COARSE[0], "--json", "told.json"]
-    done = invoke(["sweep", "aluminium-3mm", *over, "--workers", "1"])
-    assert done.exit_code == 0, done.output
-    assert "has no value over the other span: a worker process died" in " ".join(
-        done.output.split()
-    )
-    assert json.loads(Path("told.json").read_text())["failed"] == 0
+    said = succeed("sweep", "aluminium-3mm", *over, "--workers", "1")
+    assert "has no value over the other span: a worker process died" in said
+    assert json_in("told.json")["failed"] == 0

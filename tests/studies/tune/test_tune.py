@@ -16,7 +16,7 @@ from hertzloop.studies.tune.result import Candidate, TuneResult, best_first, bet
 from hertzloop.studies.tune.score import published_setting
 from hertzloop.studies.tune.search import front as pareto_front
 from hertzloop.studies.tune.search import search_law
-from tests.commands import as_options, invoke
+from tests.commands import as_options, succeed
 
 KAPPA = (Axis("controller.kappa", (), -0.5, 1.5),)
 BOTH = ("plate_energy_db", "rebound_percent")
@@ -108,12 +108,8 @@ def test_unstable_settings_are_not_offered(pool):
 
 def test_the_command_writes_front_and_picture(tmp_path):
     scene = str(Path(__file__).parents[3] / "hertzloop" / "scene" / "aluminium-3mm.toml")
-    words = ["tune", scene, "--law", "force_feedback", "--generations", "2", "--population", "6",
-             *as_options(CHEAP),
-             "-o", str(tmp_path)]  # fmt: skip
-    result = invoke(words)
-    assert result.exit_code == 0, result.output
-    assert "published" in result.output
+    words = ["--law", "force_feedback", "--generations", "2", "--population", "6"]
+    assert "published" in succeed("tune", scene, *words, *as_options(CHEAP), "-o", tmp_path)
     files = {f"tune-aluminium-3mm.{kind}" for kind in ("csv", "png")}
     assert {f.name for f in tmp_path.iterdir()} == files | {"tuned-aluminium-3mm.toml"}
     assert (tmp_path / "tune-aluminium-3mm.png").read_bytes().startswith(b"\x89PNG")
