@@ -59,6 +59,34 @@ class SignalPath:
         return bool(self.jitter_steps or any(self.trace) or self.tick_steps)
 
 
+# Fields of a signal path that leave a linear loop linear, a fine converter apart. `margin` refuses
+# a path that sets another one.
+LINEAR_PATH_FIELDS = frozenset(
+    {
+        "latency_steps",
+        "dead_steps",
+        "bits",
+        "full_scale_n",
+        "resampled",
+        "first_tick_steps",
+    }
+)
+# Fields of a signal path that make no steps in a smooth force unless it `varies`. Where a path sets
+# another one, an infinite plate expects a force with steps.
+SMOOTH_PATH_FIELDS = frozenset(
+    {
+        "latency_steps",
+        "dead_steps",
+        "full_scale_n",
+        "jitter_steps",
+        "trace",
+        "resampled",
+        "tick_steps",
+        "first_tick_steps",
+    }
+)
+
+
 class Controller:
     """Law and line for a run of `steps` steps, sampled every `every_steps` steps."""
 

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy
 
 from hertzloop.common import elementary_kernels
+from hertzloop.common.changed_fields import changed_fields
 from hertzloop.common.uncompiled import plain
 from hertzloop.sensors import kernels as sensor_kernels
 from hertzloop.sensors.kernels import ADDED, HELD, LIMITED, OF_SECTIONS
@@ -235,6 +236,37 @@ STATED_FIELDS = frozenset(
         "bits",
     }
 )
+# Fields of a channel that leave a linear loop linear, noise and a fine converter apart. `margin`
+# refuses a channel that sets another one.
+LINEAR_FIELDS = frozenset(
+    {
+        "of_state",
+        "every_steps",
+        "low_pass_hz",
+        "low_pass",
+        "low_pass_order",
+        "ac_coupling_hz",
+        "resonance_hz",
+        "resonance_damping",
+        "noise_rms",
+        "full_scale",
+        "bits",
+    }
+)
+# Fields of a channel that make no steps in a smooth quantity. Where a channel sets another one, an
+# infinite plate expects a force with steps.
+SMOOTH_FIELDS = frozenset(
+    {
+        "of_state",
+        "low_pass_hz",
+        "low_pass",
+        "low_pass_order",
+        "ac_coupling_hz",
+        "resonance_hz",
+        "resonance_damping",
+        "full_scale",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -256,10 +288,7 @@ class LeastSample:
     @classmethod
     def of(cls, spec: SensorSpec) -> "LeastSample":
         """What a channel can show at least."""
-        known = all(
-            part.name in STATED_FIELDS or getattr(spec, part.name) == part.default
-            for part in fields(spec)
-        )
+        known = not changed_fields(spec, but=STATED_FIELDS)
         share, settling_s = 1.0, 0.0
         if spec.low_pass_hz is not None and spec.low_pass_order > 1:
             share, settling = _share_and_settling(spec.low_pass, spec.low_pass_order)

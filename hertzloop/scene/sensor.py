@@ -2,13 +2,14 @@
 
 import math
 
-from hertzloop.controller.controller import SignalPath
+from hertzloop.common.changed_fields import changed_fields
+from hertzloop.controller.controller import SMOOTH_PATH_FIELDS, SignalPath
 from hertzloop.plant.contact.yielding import deepest_rigid_m
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.mechanics import Mechanics
 from hertzloop.scene.quantities import SENSED, Expected
 from hertzloop.scene.tables import ActuatorTable, SensorsTable
-from hertzloop.sensors.acquisition import Fault, SensorSpec
+from hertzloop.sensors.acquisition import SMOOTH_FIELDS, Fault, SensorSpec
 
 # A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.
 _RESONANCE_DAMPING = 0.02  # of a bare force cell
@@ -94,18 +95,12 @@ def _full_scale(
     )
 
 
-def keeps_force_smooth(control: ControllerTable, sensors: SensorsTable, path: SignalPath) -> bool:
+def keeps_force_smooth(sensor: SensorSpec, path: SignalPath) -> bool:
     """Whether sensor and signal path neither lose a command nor make steps in a law's force."""
-    return (
-        sensors.bits == control.bits == "ideal"
-        and sensors.every_steps == 1
-        and sensors.noise_rms == control.jitter_us == 0.0
-        and sensors.fault is None
-        and not path.varies
-        and path.stuck_step is None
-        and control.drop_out_probability == 0.0
-        and control.slew_n_s is None
+    makes_steps = changed_fields(sensor, but=SMOOTH_FIELDS) + changed_fields(
+        path, but=SMOOTH_PATH_FIELDS
     )
+    return not makes_steps and not path.varies
 
 
 def resolve_signal_path(

@@ -77,7 +77,7 @@ class Setup:
     @cached_property
     def infinite_plate(self) -> InfinitePlate:
         """An infinite plate in the place of the modes, whether or not it is used."""
-        return _infinite_plate(self.scene, self.mechanics, self.signal_path)
+        return _infinite_plate(self.scene, self.mechanics, self.sensor, self.signal_path)
 
     @property
     def expected_error(self) -> float:
@@ -198,11 +198,11 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     plant = describe_plant(
         mechanics, scene.plate.tail, run.scheme, run.step_ns, run.lead_in_s, run.accuracy
     )
-    if _is_infinite(scene, mechanics, path):
+    sensor = resolve_sensor(sensors, mechanics, run.step_s, _latency_us(run, path))
+    if _is_infinite(scene, mechanics, sensor, path):
         plant = on_infinite_plate(plant, run.step_ns)
     else:
         plant = check_modes(plant, run.step_ns, run.scheme, run.accuracy)
-    sensor = resolve_sensor(sensors, mechanics, run.step_s, _latency_us(run, path))
     stiffness = announced_stiffness or mechanics.contact.stiffness
     law = resolve_law(mechanics, stiffness, path, sensor, run.step_ns)
     return Setup(scene, run, mechanics, plant, sensor, path, law)
@@ -218,23 +218,25 @@ def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
     return resolve(parse_scene(text, settings, **more))
 
 
-def _is_infinite(scene: Scene, mechanics: Mechanics, path: SignalPath) -> bool:
+def _is_infinite(scene: Scene, mechanics: Mechanics, sensor: SensorSpec, path: SignalPath) -> bool:
     """Whether `run.plate_model` comes to an infinite plate."""
     run = scene.run
     if run.plate_model != "auto":
         return run.plate_model == "infinite"
     until_s = run.duration_s - _first_touch_s(run, mechanics)
-    return _infinite_plate(scene, mechanics, path).error(until_s) <= run.accuracy
+    return _infinite_plate(scene, mechanics, sensor, path).error(until_s) <= run.accuracy
 
 
-def _infinite_plate(scene: Scene, mechanics: Mechanics, path: SignalPath) -> InfinitePlate:
+def _infinite_plate(
+    scene: Scene, mechanics: Mechanics, sensor: SensorSpec, path: SignalPath
+) -> InfinitePlate:
     return InfinitePlate(
         mechanics=mechanics,
         scheme=scene.run.scheme,
         step_s=scene.run.step_s,
         accuracy=scene.run.accuracy,
         force_bound=law_force_bound(scene.controller),
-        smooth=keeps_force_smooth(scene.controller, scene.sensors, path),
+        smooth=keeps_force_smooth(sensor, path),
         latency_s=1e-6 * _latency_us(scene.run, path),
     )
 

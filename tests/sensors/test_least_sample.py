@@ -9,7 +9,14 @@ import pytest
 
 from hertzloop.scene.tables import SensorsTable
 from hertzloop.sensors import kernels as k
-from hertzloop.sensors.acquisition import STATED_FIELDS, Fault, Sensor, SensorSpec
+from hertzloop.sensors.acquisition import (
+    LINEAR_FIELDS,
+    SMOOTH_FIELDS,
+    STATED_FIELDS,
+    Fault,
+    Sensor,
+    SensorSpec,
+)
 
 STEP_S, STEPS = 1e-6, 6000
 LAST_CONTACT = 1200  # where the gap may begin to rise for good
@@ -90,7 +97,7 @@ def test_every_option_of_a_channel_is_tried_here():
     the least sample is unknown where it is set."""
     tried = {next(iter(option)) for option in OPTIONS}
     assert tried == {part.name for part in fields(SensorSpec)}
-    assert tried >= STATED_FIELDS
+    assert tried >= STATED_FIELDS | LINEAR_FIELDS | SMOOTH_FIELDS
 
 
 def test_an_option_that_is_not_stated_leaves_the_least_sample_unknown(monkeypatch):

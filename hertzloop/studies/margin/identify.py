@@ -12,13 +12,15 @@ from collections.abc import Callable
 import numpy as np
 import scipy
 
-from hertzloop.controller.controller import Controller, SignalPath
+from hertzloop.common.changed_fields import changed_fields
+from hertzloop.controller.controller import LINEAR_PATH_FIELDS, Controller, SignalPath
 from hertzloop.controller.law_kernels import SAMPLES
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.answering import answer_samples
 from hertzloop.loop.stuck_law import watching
 from hertzloop.scene.controller import bound_law, law_constants, loaded_law
 from hertzloop.scene.setup import Setup
+from hertzloop.sensors.acquisition import LINEAR_FIELDS
 from hertzloop.studies.margin.law_filters import Cascade
 from hertzloop.studies.margin.linear import TransferFunction
 
@@ -30,6 +32,18 @@ _HANKEL = 250
 _TOLERANCE = 1e-9
 _RANK = 1e-10
 _AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
+# Fields of signal path and sensor that are known not to be linear.
+_NOT_LINEAR = {
+    "jitter_steps": "controller.jitter_us is not zero, so the line varies with time",
+    "tick_steps": "controller.clock_ppm is not zero, so the line varies with time",
+    "drop_out_probability": (
+        "controller.drop_out_probability is not zero, so the line varies with time"
+    ),
+    "slew_n_s": "controller.slew_n_s limits the slope of the force",
+    "trace": "controller.latency_trace varies with time",
+    "stuck_step": "actuator.stuck_from_s holds the force from a moment on",
+    "fault": "sensors.fault changes samples",
+}
 _Answer = Callable[[np.ndarray], np.ndarray]  # forces of a law for samples
 
 
@@ -45,21 +59,10 @@ def law_filter(setup: Setup) -> TransferFunction:
     """
     if why := loaded_law(setup).not_linear:
         raise NotLinearError(why)
-    line = setup.signal_path
-    for why, given in (
-        ("controller.jitter_us is not zero, so the line varies with time", line.jitter_steps),
-        ("controller.clock_ppm is not zero, so the line varies with time", line.tick_steps),
-        (
-            "controller.drop_out_probability is not zero, so the line varies with time",
-            line.drop_out_probability,
-        ),
-        ("controller.slew_n_s limits the slope of the force", line.slew_n_s is not None),
-        ("controller.latency_trace varies with time", line.trace),
-        ("actuator.stuck_from_s holds the force from a moment on", line.stuck_step is not None),
-        ("sensors.fault changes samples", setup.sensor.fault is not None),
-    ):
-        if given:
-            raise NotLinearError(why)
+    for part, linear in ((setup.signal_path, LINEAR_PATH_FIELDS), (setup.sensor, LINEAR_FIELDS)):
+        for name in changed_fields(part, but=linear):
+            unknown = f"{name} = {getattr(part, name)} is not known to be linear"
+            raise NotLinearError(_NOT_LINEAR.get(name, unknown))
     ideal = setup.vary({"sensors.bits": "ideal", "controller.bits": "ideal"})
     # A law that refuses the run when it is prepared has no margin in it either.
     declared = loaded_law(setup).response(setup.scene.controller.keys, law_constants(ideal))

@@ -1,6 +1,6 @@
 """Theory and truncated modes of a plate as scenes: what is chosen, recorded, refused and said."""
 
-from dataclasses import replace
+from dataclasses import asdict, field, make_dataclass, replace
 
 import pytest
 
@@ -8,6 +8,7 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.modal import ModalPlant
+from hertzloop.scene.sensor import keeps_force_smooth
 from hertzloop.scene.setup import Setup, load
 from tests.hertzloop.scenes import aluminium_3mm
 
@@ -81,3 +82,37 @@ def test_a_run_expects_what_the_steps_of_a_held_force_cost():
     assert error(*tight, "sensors.every_steps=2") == pytest.approx(4.0 * held)
     for free in ("controller.law=off", "actuator.bandwidth_hz=1e5"):
         assert error(*tight, free) == pytest.approx(3e-4)
+
+
+@pytest.mark.parametrize(
+    "setting",
+    [
+        "sensors.bits=12",
+        "sensors.every_steps=2",
+        "sensors.noise_rms=1e-9",
+        "sensors.fault=stuck",
+        "controller.bits=12",
+        "controller.jitter_us=1",
+        "controller.latency_trace=[0,3]",
+        "controller.clock_ppm=10",
+        "controller.drop_out_probability=0.1",
+        "controller.slew_n_s=1e9",
+        "actuator.stuck_from_s=0.001",
+    ],
+)
+def test_what_makes_steps_in_a_force_is_known(setting):
+    smooth = ["sensors.bits=ideal", "controller.bits=ideal", "controller.full_scale_n=1e3"]
+    harmless = ["controller.latency_us=3", "sensors.low_pass_hz=1e6", "actuator.dead_time_us=1"]
+    assert aluminium_3mm(*smooth, *harmless).infinite_plate.smooth
+    assert not aluminium_3mm(*smooth, setting).infinite_plate.smooth
+
+
+@pytest.mark.parametrize("part", ["sensor", "signal_path"])
+def test_a_field_that_is_not_known_to_keep_a_force_smooth_counts_as_steps(part):
+    setup = aluminium_3mm("sensors.bits=ideal", "controller.bits=ideal")
+    own = getattr(setup, part)
+    more = [("dead_zone", float, field(default=0.0))]
+    kind = make_dataclass("More", more, bases=(type(own),), frozen=True)
+    for dead_zone in (0.0, 0.1):
+        found = replace(setup, **{part: kind(**asdict(own), dead_zone=dead_zone)})
+        assert keeps_force_smooth(found.sensor, found.signal_path) == (dead_zone == 0.0)
