@@ -23,7 +23,7 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.recordings import repeat_or_fail, scene_to_run
 from hertzloop.cli.terminal import err, fail, if_interrupted, out, progress
-from hertzloop.loop.run_options import EXPERT, RunOptions, Transport, check_transport
+from hertzloop.loop.run_options import EXPERT, USES, RunOptions, Transport, check_transport
 from hertzloop.processes.launcher import Launcher
 from hertzloop.processes.program import check_command, meeting_endpoints, name_on_bus
 from hertzloop.processes.record import what_is_kept
@@ -39,8 +39,6 @@ from hertzloop.views.run_json import run_as_json
 
 _MANY_STEPS = 4_000_000
 _BYTES_A_STEP = 250  # of the run, the same without control, and a repetition
-# Parameters of the command that only separate processes need.
-_OF_PROCESSES = ("name", "port", "timeout_s", "shared_memory", "realtime")
 
 
 @run_options(realtime="auto")
@@ -70,10 +68,10 @@ def run(
     options: RunOptions,
 ) -> None:
     """Run and record a scene, and compare it with the same run without control."""
+    unused = [name for name, use in USES.items() if options.transport not in use.transports]
     if options.transport is not Transport.ZENOH:
-        check_unused(context, _OF_PROCESSES, f"with --transport {options.transport}")
-    if options.transport is Transport.COMPILED:
-        check_unused(context, {"max_exchange_steps"}, "with --transport compiled")
+        unused.append("port")
+    check_unused(context, unused, f"with --transport {options.transport}")
     if live:
         check_transport("--live", options.transport)
     setup, recording = _checked(options, scene, settings or [], seed, out_file)

@@ -56,11 +56,17 @@ class Transport(StrEnum):
     COMPILED = "compiled"
 
 
-def check_transport(option: str, transport: Transport) -> None:
-    """Raise OptionError if an option that needs the processes of a run is given without them."""
-    if transport is not Transport.ZENOH:
+OF_PROCESSES = (Transport.ZENOH,)  # that have an option of separate processes
+
+
+def check_transport(
+    option: str, transport: Transport, having_it: tuple[Transport, ...] = OF_PROCESSES
+) -> None:
+    """Raise OptionError if an option is given with another transport than those that have it."""
+    if transport not in having_it:
         raise OptionError(
-            f"{option}: not available with transport = '{transport}'. Use transport zenoh."
+            f"{option}: not available with transport = '{transport}'. "
+            f"Use transport {' or '.join(having_it)}."
         )
 
 
@@ -73,6 +79,7 @@ class Use(NamedTuple):
         flag: Its spelling on the command line, if that is not its name.
         metavar: What stands for its value in the help.
         heading: Heading of the options below which the help has it.
+        transports: The transports that have it.
     """
 
     roles: tuple[str, ...] = ()
@@ -80,6 +87,7 @@ class Use(NamedTuple):
     flag: str = ""
     metavar: str | None = None
     heading: str | None = None
+    transports: tuple[Transport, ...] = tuple(Transport)
 
 
 class Options(BaseModel):
@@ -150,13 +158,18 @@ class RunOptions(Options):
             ge=1,
             description="Exchange data after at most this many steps; default: as the law allows.",
         ),
-        Use((PLANT,), python=True, heading=EXPERT),
+        Use(
+            (PLANT,),
+            python=True,
+            heading=EXPERT,
+            transports=(Transport.ZENOH, Transport.INPROCESS),
+        ),
     ] = None
     endpoints: list[str] | None = None  # of plant, controller and recorder; None: private ones
     name: Annotated[
         str | None,
         Field(description="Set the name of the run on the bus."),
-        Use(ROLES, heading=EXPERT),
+        Use(ROLES, heading=EXPERT, transports=OF_PROCESSES),
     ] = None
     timeout_s: Annotated[
         float,
@@ -165,7 +178,7 @@ class RunOptions(Options):
             le=1_000_000,
             description="Stop waiting for a message of another process after this time, s.",
         ),
-        Use(ROLES, flag="--timeout", heading=EXPERT),
+        Use(ROLES, flag="--timeout", heading=EXPERT, transports=OF_PROCESSES),
     ] = 5.0
     verify: Annotated[
         bool,
@@ -177,14 +190,19 @@ class RunOptions(Options):
         Field(
             description="Exchange data between plant and controller on one host in shared memory."
         ),
-        Use((PLANT, CONTROLLER), flag="--shared-memory/--no-shared-memory", heading=EXPERT),
+        Use(
+            (PLANT, CONTROLLER),
+            flag="--shared-memory/--no-shared-memory",
+            heading=EXPERT,
+            transports=OF_PROCESSES,
+        ),
     ] = True
     realtime: Annotated[
         Literal["auto", "on", "off"],
         Field(
             description="Use real-time scheduling; auto: where it is permitted and a core is idle."
         ),
-        Use(ROLES, heading=EXPERT),
+        Use(ROLES, heading=EXPERT, transports=OF_PROCESSES),
     ] = "off"
     pace: Annotated[
         float | None,
@@ -194,14 +212,14 @@ class RunOptions(Options):
             description="Follow the wall clock at this ratio of simulated to wall time, without "
             "waiting for forces; default: lock-step.",
         ),
-        Use((PLANT,), python=True),
+        Use((PLANT,), python=True, transports=OF_PROCESSES),
     ] = None
     repeat: Annotated[
         Path | None,
         Field(
             description="Repeat a recorded run in lock-step with the recorded forces and delays."
         ),
-        Use((PLANT,), metavar="F.mcap"),
+        Use((PLANT,), metavar="F.mcap", transports=OF_PROCESSES),
     ] = None
     controller: Annotated[
         str | None,
@@ -209,7 +227,7 @@ class RunOptions(Options):
             description="Start this command line as the controller; {name}, {listen} and {connect} "
             "in it are filled in."
         ),
-        Use(metavar="'CMD ...'", heading=EXPERT),
+        Use(metavar="'CMD ...'", heading=EXPERT, transports=OF_PROCESSES),
     ] = None
     note: Annotated[
         str,
@@ -222,9 +240,11 @@ class RunOptions(Options):
         if self.name is not None:
             check_name(self.name)
         check_note(self.note)
-        for option in ("pace", "repeat", "controller"):
-            if getattr(self, option):
-                check_transport(f"{option} = {getattr(self, option)}", self.transport)
+        for name, use in self.uses().items():
+            value = getattr(self, name)
+            # The command refuses the others: its defaults differ.
+            if use.python and value != type(self).model_fields[name].default:
+                check_transport(f"{name} = {value}", self.transport, use.transports)
         for option in ("max_exchange_steps", "verify", "repeat"):
             if getattr(self, option) and self.pace is not None:
                 raise OptionError(

@@ -155,6 +155,11 @@ def test_a_margin_holds_the_loop_in_flight_and_its_jitter():
             "pace = 1.0: not available with transport = 'inprocess'",
         ),
         (
+            lambda s: hertzloop.run(s, transport="compiled", max_exchange_steps=3),
+            "max_exchange_steps = 3: not available with transport = 'compiled'. "
+            "Use transport zenoh or inprocess",
+        ),
+        (
             lambda s: hertzloop.run(s, pace=1.0, max_exchange_steps=3),
             "max_exchange_steps = 3: cannot be combined with pace = 1",
         ),

@@ -68,7 +68,7 @@ ANSWERS = {
     "run --seed 3 --set run.seed=4": "run.seed = 4: another option sets it to 3. Remove one",
     "run --set sensors.bits=4 --set sensors.bits=8": "bits = 8: another option sets it to 4",
     "margin --law off --set controller.law=predicted": "another option sets it to 'off'",
-    "run --transport compiled --max-exchange-steps 3": "--max-exchange-steps = 3: has no effect",
+    "run --transport compiled --max-exchange-steps 3": "max_exchange_steps = 3: not available",
     "run --transport inprocess --no-shared-memory": "--no-shared-memory: has no effect with --tr",
     "run --transport compiled --realtime on": "--realtime = on: has no effect with --transport",
     "run --transport compiled --port 7450": "--port = 7450: has no effect with --transport",
