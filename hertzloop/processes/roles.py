@@ -75,6 +75,8 @@ def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[
 
 
 def _say(sentence: str) -> None:
+    """Write to standard error: a terminal of `node ROLE`; under `run` a file, of which the last
+    line is told if the role fails."""
     sys.stderr.write(f"{visible(sentence)}\n")
     sys.stderr.flush()
 

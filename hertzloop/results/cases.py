@@ -239,7 +239,7 @@ def _metrics(
             f"it, or reduce run.lead_in_s = {setup.run.lead_in_s:g}"
         )
     if span == "impact":
-        return of_impact(found[0]), found, found[0].over
+        return of_impact(spec, found[0]), found, found[0].over
     whole = whole_run(spec, truth, [one.impact for one in found])
     assert whole is not None
     return whole, found, truth.shape[1]

@@ -55,7 +55,9 @@ class Fact:
         label: its name in tables, sentences and charts; "" where it has none.
         unit: its unit there.
         db: factor of the logarithm of its ratio in dB, 0 of one that is compared in per cent.
-        of: how it is computed, from the parts of a span or from a case.
+        of: how it is computed: in `SpanMetrics` from `SpanParts` (`span_metrics.py`), in
+            `CaseMetrics` from `_Case` (`cases.py`). None in `SpanMetrics`: it is the metric of
+            `ImpactNoise` with the name of the field.
         level: where it is shown.
         whole_run: where its value over the whole run is shown.
         error: what the error of the model does to it.

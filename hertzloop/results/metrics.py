@@ -121,7 +121,7 @@ def metrics_of(setup: Setup, truth: np.ndarray, missing_from: int | None = None)
     return Metrics(
         impacts=impacts,
         noise=[one.noise for one in found],
-        first_impact=of_impact(found[0]) if found else None,
+        first_impact=of_impact(spec, found[0]) if found else None,
         whole_run=total,
         last_contact_ended=found[-1].ended if found else True,
         stability=stability,

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 from hertzloop.plant.metrics.impacts import Impact
 from hertzloop.plant.metrics.noise import ImpactNoise
+from hertzloop.plant.plant import PlantSpec
 from hertzloop.results.facts import (
     Fact,
     Level,
@@ -36,8 +37,8 @@ class SpanMetrics:
     contact_time_s: float = fact("duration of the first contact, s", "contact time", "s",
                                  level=BRIEF, impacts="first")
     peak_force_n: float = fact("largest contact force, N", "peak contact force", "N",
-                               of=attrgetter("peak_force_n"), level=BRIEF, impacts="largest",
-                               less_is_better=True)
+                               of=lambda span: max(one.peak_force_n for one in span.impacts),
+                               level=BRIEF, impacts="largest", less_is_better=True)
     impact_speed_m_s: float = fact("speed of the sphere before the first contact, m/s",
                                    "impact speed", "m/s", level=DETAILS, error=exact,
                                    impacts="first")
@@ -68,7 +69,7 @@ class SpanMetrics:
     holmes_j: float = fact("acceleration noise energy (Holmes 1974), J",
                            "acceleration noise, Holmes", "J", 10.0, level=DETAILS,
                            impacts="first")
-    contacts: int = fact("number of contacts", "contacts", of=attrgetter("contacts"),
+    contacts: int = fact("number of contacts", "contacts", of=lambda span: len(span.impacts),
                          whole_run=BRIEF, error=exact, difference=True)
     # fmt: on
 
@@ -127,17 +128,17 @@ def values_of(impacts: Sequence[Impact], noise: Sequence[ImpactNoise] = ()) -> l
 
 
 class SpanParts(NamedTuple):
-    """What the metrics of a span are computed from: the number of its contacts, their largest
-    force, N, and its noise metrics."""
+    """What the metrics of a span are computed from: the plant, the impacts of the span, and its
+    noise metrics."""
 
-    contacts: int
-    peak_force_n: float
+    spec: PlantSpec
+    impacts: Sequence[Impact]
     noise: ImpactNoise
 
 
-def of_impact(found: ImpactMetrics) -> SpanMetrics:
+def of_impact(spec: PlantSpec, found: ImpactMetrics) -> SpanMetrics:
     """Metrics of one impact."""
-    return span_metrics(SpanParts(1, found.impact.peak_force_n, found.noise))
+    return span_metrics(SpanParts(spec, [found.impact], found.noise))
 
 
 def span_metrics(parts: SpanParts) -> SpanMetrics:

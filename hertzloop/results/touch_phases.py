@@ -110,7 +110,7 @@ def _at_phase(setup: Setup, phase: float, whole: bool) -> ValuesBySpan:
     if whole:
         found = impacts_of(setup, truth, audible_modes(setup.plant))
         run = whole_run(setup.plant, truth, [one.impact for one in found])
-    return by_span(of_impact(first), first.noise, run)
+    return by_span(of_impact(setup.plant, first), first.noise, run)
 
 
 def _shifted(found: ValuesBySpan, reference: ValuesBySpan, ran: ValuesBySpan) -> ValuesBySpan:

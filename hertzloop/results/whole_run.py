@@ -73,4 +73,4 @@ def whole_run(spec: PlantSpec, truth: np.ndarray, impacts: Sequence[Impact]) -> 
         impacts[-1].rebound_speed_m_s,
     )
     noise = impact_noise(spec, modes, given)
-    return span_metrics(SpanParts(len(impacts), max(i.peak_force_n for i in impacts), noise))
+    return span_metrics(SpanParts(spec, impacts, noise))

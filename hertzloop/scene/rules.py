@@ -23,7 +23,8 @@ class Rule(NamedTuple):
     """A rule between keys: the key that breaks it, when a scene does so, and what to say then.
 
     `broken` returns None or False for a scene that keeps the rule; otherwise True, or a value that
-    the sentence calls {x}; in a rule without a `key`, the key and such a value. The sentence comes
+    the sentence calls {x}; in a rule without a `key`, the key and such a value. So 0 and "" break
+    it: compare (`> 0.0`) in place of returning a value of the scene as it is. The sentence comes
     after "key = value: " and may name the scene as {s}.
     """
 

@@ -108,7 +108,7 @@ class Scene(SceneTable):
         except LawError:  # the table of the controller says so
             senses = "xi"
         senses = senses.partition(",")[0]  # the default of several
-        if senses not in (*SENSED, "any"):  # refused by `problems`
+        if senses not in (*SENSED, "any"):  # `_senses_unknown` of the rules refuses it
             senses = "xi"
         return {**data, "sensors": {**sensors, "quantity": senses.replace("any", "xi")}}
 

@@ -80,8 +80,8 @@ def check(scene: str) -> None:
         first_impact(setup, run.truth),
     ):
         assert (found.start, found.end, found.over) == (expected.start, expected.end, expected.over)
-        wanted = vars(of_impact(expected))
-        assert same_bits(list(vars(of_impact(found)).values()), list(wanted.values()))
+        wanted = vars(of_impact(setup.plant, expected))
+        assert same_bits(list(vars(of_impact(setup.plant, found)).values()), list(wanted.values()))
 
 
 @pytest.mark.parametrize(
