@@ -11,6 +11,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIP
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.processes.program import BASE_PORT
 from hertzloop.processes.roles import default_endpoints
+from tests.bus.meshes import stranger, url
 from tests.hertzloop.commands import wait_for
 from tests.ports import free_ports
 
@@ -56,15 +57,11 @@ def test_keys_and_numbers_on_a_real_bus():
     [stream] = [key for key in keys if "<stream>" in key]
     assert {key.split("/")[2] for key in keys if key not in (alive, stream)} == {"complete"}
     [number] = free_ports(1)
-    port = ZenohPort(CONTROLLER, "page", [f"tcp/127.0.0.1:{number}"])
-    config = zenoh.Config()
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("listen/endpoints", "[]")
-    config.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{number}"]')
+    port = ZenohPort(CONTROLLER, "page", [url(number)])
     tokens: list[str] = []
     heard: list[zenoh.Sample] = []
     try:
-        with zenoh.open(config) as session:
+        with stranger(url(number)) as session:
             key = stream.replace("<name>", "page").replace("<stream>", "end/controller")
             session.declare_subscriber(key, zenoh.handlers.Callback(heard.append))
             token = alive.replace("<name>", "page").replace("<role>", "controller")

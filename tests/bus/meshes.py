@@ -1,5 +1,9 @@
 """All three roles in one process, joined in-process or by zenoh."""
 
+import json
+
+import zenoh
+
 from hertzloop.bus.port import InProcessBus, InProcessPort
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.bus.zenoh_port import ZenohPort
@@ -12,6 +16,19 @@ ABSENCE_S = 0.2  # for what must not come
 def url(port: int) -> str:
     """Endpoint of a port of this machine."""
     return f"tcp/127.0.0.1:{port}"
+
+
+def stranger(endpoint: str) -> zenoh.Session:
+    """A session that reaches one endpoint alone: peers do not relay."""
+    config = zenoh.Config()
+    for key, value in {
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "listen/endpoints": [],
+        "connect/endpoints": [endpoint],
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
 
 
 def zenoh_mesh(ports: list[int], name: str = "contract") -> dict[str, ZenohPort]:

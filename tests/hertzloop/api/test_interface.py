@@ -134,6 +134,7 @@ def test_a_budget_is_that_of_the_command(tmp_path, monkeypatch):
     request = hertzloop.BudgetRequest(quick=True, only=["latency_us"], with_real=False, workers=1)
     found = hertzloop.budget(hertzloop.load("aluminium-3mm", settings), request).as_data()
     assert found["limits"] == json_in("a.json")["limits"]
+    assert found["limits"]["latency_us"]["value"] == 9.0
 
 
 def test_a_margin_holds_the_loop_in_flight_and_its_jitter():

@@ -16,7 +16,7 @@ from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load, parse
 from hertzloop.scene.toml import to_toml
-from tests.commands import call, refused, said, succeed
+from tests.commands import refused, succeed
 from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.lanes import Pair
 from tests.hertzloop.own_laws import EXAMPLES, ROOT, SHORT, build, needs_cc, write_law
@@ -133,9 +133,8 @@ def test_what_numba_does_not_know_runs_as_python_and_says_so(here):
     recordings = []
     for law in ("mine.py", "slow.py"):
         words = ["--transport", "compiled", "--set", SHORT, "--out", f"{law}.mcap"]
-        done = call("run", "aluminium-3mm", *words, "--set", f"controller.law={law}")
-        assert done.exit_code == 0, done.output
-        cost = re.search(r"runs as Python, ([0-9.]+) us", said(done))
+        told = succeed("run", "aluminium-3mm", *words, "--set", f"controller.law={law}")
+        cost = re.search(r"runs as Python, ([0-9.]+) us", told)
         assert (cost is not None and float(cost[1]) > 0.0) == (law == "slow.py")
         recordings.append(read(here / f"{law}.mcap"))
     assert recordings[0].force.arrays["force_n"].any()
@@ -203,10 +202,10 @@ def test_new_law_and_scene_run_as_they_are(here):
     recording = read(here / "a-scene.mcap")
     assert recording.force.arrays["force_n"].any()
     refused("mine.py exists", "law", "new", "mine.py")
-    assert call("law", "new", "mine.txt").exit_code == 2
+    refused("mine.txt", "law", "new", "mine.txt")
     # The same start in C.
     if shutil.which("cc"):
-        assert call("law", "new", "mine.c").exit_code == 0
+        succeed("law", "new", "mine.c")
         build(here, here / "mine.c")
         scene = load("a scene.toml", [SHORT, "controller.law=mine.so"])
         assert first_difference(run_recorded(scene, here / "c.mcap"), recording) is None

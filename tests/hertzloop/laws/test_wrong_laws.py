@@ -13,7 +13,7 @@ from hertzloop.results.recorded import reported_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import parse
 from hertzloop.scene.toml import to_toml
-from tests.commands import call, refused, said
+from tests.commands import refused
 from tests.hertzloop.commands import hertzloop, python
 from tests.hertzloop.own_laws import EXAMPLES, SHORT, build, needs_cc, write_law
 from tests.hertzloop.scenes import aluminium_3mm
@@ -213,9 +213,8 @@ def test_wrong_in_the_run(here, case):
     if how != "compiled":
         path.write_text(path.read_text().replace("p.share *", "float(str(p.share)) *"))
     settings = [*LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
-    result = call("run", "aluminium-3mm", "--transport", transport, *settings)
-    assert result.exit_code == 1
-    assert f"the law mine.py, at sample 3000, failed: {words} (line" in said(result)
+    sentence = f"the law mine.py, at sample 3000, failed: {words} (line"
+    refused(sentence, "run", "aluminium-3mm", "--transport", transport, *settings, code=1)
     recording = read(here / "a.mcap")
     assert recording.truth.samples > 2000
     told = next(problem for problem in recording.problems if words in problem)
@@ -233,10 +232,8 @@ def test_a_broken_promise_ends_the_run(here, function, transport):
     """With the same sentence in all transports, where the trial did not come to it."""
     (here / "mine.py").write_text(BROKEN[function])
     settings = [*LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
-    result = call("run", "aluminium-3mm", "--transport", transport, *settings)
-    assert result.exit_code == 1
     words = f"the law mine.py, at sample 3000, commanded 2.0 N, but its {function} had "
-    assert words in said(result)
+    refused(words, "run", "aluminium-3mm", "--transport", transport, *settings, code=1)
 
 
 @pytest.mark.parametrize("function", BROKEN)
@@ -251,10 +248,9 @@ def test_a_simulation_refuses_a_promise_that_the_trial_breaks(here, function):
 def test_a_sweep_notes_the_case_in_which_a_law_fails(here):
     write_law(here, "if p.share > 0.7: raise ValueError('too much')")
     words = ["--set", SHORT, "--set", "controller.law=mine.py", "--workers", "1", "-o", "r.csv"]
-    result = call("sweep", "aluminium-3mm", *words, "--over", "controller.share=0.2,0.9")
-    assert result.exit_code == 1
-    assert "the law mine.py, at sample 0, failed: ValueError: too much" in said(result)
-    assert "1 of 2 cases" in said(result)
+    words += ["--over", "controller.share=0.2,0.9"]
+    sentence = "the law mine.py, at sample 0, failed: ValueError: too much"
+    assert "1 of 2 cases" in refused(sentence, "sweep", "aluminium-3mm", *words, code=1)
 
 
 # A hertzloop that gives a law less time.

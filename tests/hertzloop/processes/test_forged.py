@@ -3,13 +3,11 @@
 import math
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
-import zenoh
 
 from hertzloop.bus import codec
 from hertzloop.bus.codec import decoded
@@ -20,26 +18,12 @@ from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.in_process import record_in_process
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
+from tests.bus.meshes import stranger
 from tests.commands import as_options
 from tests.hertzloop.commands import EVENTUALLY_S, Bus, ended, wait_for
 from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = as_options(["run.duration_s=0.0025", "run.accuracy=0.1"])
-
-
-@contextmanager
-def stranger(bus: Bus, role: str) -> Iterator[zenoh.Session]:
-    """A session that reaches one process alone: peers do not relay."""
-    config = zenoh.Config()
-    for key, value in {
-        "scouting/multicast/enabled": "false",
-        "scouting/gossip/enabled": "false",
-        "listen/endpoints": "[]",
-        "connect/endpoints": f'["{bus.urls[role]}"]',
-    }.items():
-        config.insert_json5(key, value)
-    with zenoh.open(config) as session:
-        yield session
 
 
 class Foreign:
@@ -94,7 +78,7 @@ def test_a_fault_that_the_recorder_hears_first(tmp_path):
         return force
 
     recorder = bus.start(RECORDER, "--out", str(tmp_path / "a.mcap"))
-    with stranger(bus, RECORDER) as mouth:
+    with stranger(bus.urls[RECORDER]) as mouth:
         publisher = mouth.declare_publisher(f"hertzloop/{bus.name}/force")
         wait_for(lambda: publisher.matching_status.matching)
         plant = bus.start(PLANT, "aluminium-3mm", *SHORT)

@@ -109,13 +109,6 @@ def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(recording):
 
 
 @pytest.mark.full
-def test_all_exit_codes_tell_of_a_good_run(recording):
-    with terminals(recording, "--set", "run.duration_s=0.002") as roles:
-        for process in roles.values():
-            ended(process)
-
-
-@pytest.mark.full
 def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path):
     config = tmp_path / "bus.json5"
     config.write_text("{}")

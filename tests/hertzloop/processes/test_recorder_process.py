@@ -15,6 +15,7 @@ from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.controller.controller import Controller
 from hertzloop.loop import controller_node
+from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.roles import BusAddress, run_controller, run_plant, run_recorder
 from hertzloop.recordings.reader import read
@@ -107,14 +108,20 @@ def test_the_plant_leaves_last(tmp_path, monkeypatch):
 
 
 @pytest.mark.full
-def test_a_controller_that_compiles_its_law_is_waited_for(tmp_path, monkeypatch):
-    """It takes longer than the others wait for anything else."""
-    timeout_s = 2.0
+def test_before_the_first_force_all_are_waited_for(tmp_path, monkeypatch):
+    """A plant that begins late, since it could still miss somebody, and a controller that compiles
+    its law: each takes longer than the others wait for anything else."""
+    timeout_s, begin = 2.0, PlantNode.run
+
+    def begun_late(node: PlantNode) -> LoopStats:
+        time.sleep(2.0 * timeout_s)
+        return begin(node)
 
     def compiled_long(*arguments: Any) -> Controller:
         time.sleep(2.0 * timeout_s)
         return build_controller(*arguments)
 
+    monkeypatch.setattr(PlantNode, "run", begun_late)
     monkeypatch.setattr(controller_node, "build_controller", compiled_long)
     for role in run_over_zenoh(tmp_path / "a.mcap", "slow", timeout_s):
         role.result()

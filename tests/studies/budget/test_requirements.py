@@ -1,9 +1,6 @@
 """Requirements: what they check, as rows of pytest too, and their files."""
 
-import json
 import os
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -13,7 +10,10 @@ from hertzloop.controller import laws
 from hertzloop.scene.errors import SceneError
 from hertzloop.studies.budget.requirements.check import check
 from hertzloop.studies.budget.requirements.requirement import read_requirements
-from tests.commands import invoke
+from tests.commands import refused, succeed
+from tests.hertzloop.commands import python
+from tests.hertzloop.own_laws import ROOT
+from tests.hertzloop.scenes import json_in
 
 REQUIREMENTS = """
 [hertzloop]
@@ -90,19 +90,13 @@ def test_requirements_that_cannot_be_read_are_refused(tmp_path, text, word):
 ELASTIC = ["-p", "tests.elastic_scenes"]
 
 
-def _python(*words, folder):
+def run_pytest(folder, *words, code=1):
+    """What pytest prints with the plug-in in a folder."""
     plugins = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     plugins.pop("PYTEST_XDIST_WORKER", None)
-    root = str(Path(__file__).parents[3])
-    plugins["PYTHONPATH"] = os.pathsep.join([root, plugins.get("PYTHONPATH", "")])
-    return subprocess.run(
-        [sys.executable, "-m", *words],
-        cwd=folder,
-        env=plugins,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
+    plugins["PYTHONPATH"] = os.pathsep.join([str(ROOT), plugins.get("PYTHONPATH", "")])
+    words = ("-m", "pytest", *words, "-p", "hertzloop.pytest_plugin", "-q")
+    return python(*words, cwd=folder, env=plugins, code=code).stdout
 
 
 def test_rows_are_tests_of_pytest(requirements):
@@ -112,15 +106,14 @@ def test_rows_are_tests_of_pytest(requirements):
         "    found = hertzloop_run('aluminium-3mm', 'force_feedback', changes)\n"
         "    assert found.plate_energy_db < -9\n"
     )
-    words = [*ELASTIC, "-p", "hertzloop.pytest_plugin", "-q", "--junitxml", "report.xml"]
-    ran = _python("pytest", *words, folder=requirements.parent)
-    assert "1 failed, 2 passed" in ran.stdout, ran.stdout + ran.stderr
+    told = run_pytest(requirements.parent, *ELASTIC, "--junitxml", "report.xml")
+    assert "1 failed, 2 passed" in told
     suite = ET.parse(requirements.with_name("report.xml")).getroot()[0]
     assert (suite.get("tests"), suite.get("failures")) == ("3", "1")
     (failure,) = suite.iter("failure")
     assert "Reproduce: hertzloop run aluminium-3mm" in failure.text
-    assert "Reproduce: hertzloop run aluminium-3mm" in ran.stdout
-    assert "Traceback" not in ran.stdout
+    assert "Reproduce: hertzloop run aluminium-3mm" in told
+    assert "Traceback" not in told
 
 
 UNSTABLE_ROW = """
@@ -137,11 +130,10 @@ def test_pytest_names_an_instability_that_no_run_shows(requirements):
     quiet, coarse = (UNSTABLE_ROW.format(name) for name in ("quiet", "coarse"))
     head = '[hertzloop]\nlaw = "velocity_feedback"\n'
     requirements.write_text(f"{head}{quiet}{coarse}limit = {{ bits = 12 }}\n")
-    words = [*ELASTIC, "-p", "hertzloop.pytest_plugin", "-q"]
-    ran = _python("pytest", *words, folder=requirements.parent)
-    assert "1 failed, 1 passed, 1 warning" in ran.stdout, ran.stdout + ran.stderr
-    assert "bits: tolerated none (unstable loop), required 12" in ran.stdout
-    assert "PytestWarning: quiet: the linear loop is unstable (grows" in ran.stdout
+    told = run_pytest(requirements.parent, *ELASTIC)
+    assert "1 failed, 1 passed, 1 warning" in told
+    assert "bits: tolerated none (unstable loop), required 12" in told
+    assert "PytestWarning: quiet: the linear loop is unstable (grows" in told
 
 
 OF_ANOTHER_TOOL = 'title = "Other [hertzloop]"\n[[requirement]]\nid = "REQ_1"\n'
@@ -157,40 +149,26 @@ def test_a_repository_of_others_is_left_alone(tmp_path, text):
         "    assert 'hertzloop.pytest_plugin' in sys.modules\n"
         "    assert not heavy & set(sys.modules)\n"
     )
-    ran = _python("pytest", "-p", "hertzloop.pytest_plugin", "-q", folder=tmp_path)
-    assert "1 passed" in ran.stdout, ran.stdout + ran.stderr
+    assert "1 passed" in run_pytest(tmp_path, code=0)
 
 
-def test_the_command_ends_as_documented(requirements, tmp_path):
-    found = tmp_path / "b.json"
-    checked = invoke(["budget", "--check", str(requirements)])
-    assert checked.exit_code == 1, checked.output
-    assert "1 of 2 requirements hold" in checked.stdout
-    ran = invoke([
-        "budget", "aluminium-3mm", "--law", "force_feedback", "--set", "run.duration_s=0.0016",
-        "--quick", "--no-real-plant", "--only", "latency_us", "--workers", "1",
-        "--json", str(found),
-    ])  # fmt: skip
-    assert ran.exit_code == 0, ran.output
-    assert json.loads(found.read_text())["limits"]["latency_us"]["value"] == 9.0
-    refused = invoke(["budget", "--law", "off"])
-    assert refused.exit_code == 2
-    assert "has no limits" in refused.stderr
+def test_the_command_ends_as_documented(requirements):
+    refused("1 of 2 requirements hold", "budget", "--check", requirements, code=1)
+    refused("has no limits", "budget", "--law", "off")
 
 
 @pytest.mark.full
 def test_both_spans_stand_in_one_table(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    words = ["budget", "oak-20mm", "--quick", "--no-real-plant", "--workers", "1",
-             "--only", "latency_us", "--json", "a.json"]  # fmt: skip
-    one = " ".join(invoke(words).stdout.split())
+    words = ["budget", "oak-20mm", "--quick", "--no-real-plant", "--workers", "1"]
+    words += ["--only", "latency_us", "--json", "a.json"]
+    one = succeed(*words)
     assert "changes by -4.2 dB in the first impact and by -2.0 dB over all contacts" in one
     assert "--span both" in one
-    done = invoke([*words, "--span", "both"])
-    assert done.exit_code == 0, done.output
-    assert "the first impact" in done.stdout
-    assert "the whole run" in done.stdout
-    data = json.loads((tmp_path / "a.json").read_text())
+    both = succeed(*words, "--span", "both")
+    assert "the first impact" in both
+    assert "the whole run" in both
+    data = json_in("a.json")
     limits = [data[of]["latency_us"]["value"] for of in ("limits", "other_span")]
     assert None not in limits
     assert limits[0] != limits[1]

@@ -6,7 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,9 +21,11 @@ from hertzloop.studies.cases.journal import Journal, JournalError
 from hertzloop.studies.sweep import sweep as study
 from hertzloop.studies.sweep.plan import SweepPlan
 from hertzloop.studies.sweep.results_file import read_results
-from tests.commands import invoke
-from tests.hertzloop.commands import next_line, wait_for
-from tests.studies.sweeping import COARSE, ONE_WORKER, command, wait_until
+from tests.commands import refused, succeed
+from tests.hertzloop.commands import ended, hertzloop, next_line, start, wait_for
+from tests.hertzloop.scenes import json_in
+from tests.studies.sweeping import COARSE, ONE_WORKER
+from tests.tiers import default
 
 
 @pytest.mark.parametrize("text", [b"\xff\n", b'{"a": 1}\n{"x": 1}\n'])
@@ -74,14 +76,12 @@ def test_a_changed_digit_in_the_journal_is_named_and_its_case_run_again(tmp_path
     lines = kept.read_bytes().splitlines(keepends=True)
     lines[3] = lines[3].replace(b'"rebound_m_s": 0.', b'"rebound_m_s": 1.')
     journal.write_bytes(b"".join(lines))
-    done = invoke(["sweep", "aluminium-3mm", "--set", COARSE[0], "--workers", "1",
-                   "--over", *over, "-o", str(out), "--json", str(report)])  # fmt: skip
-    assert done.exit_code == 0, done.output
-    said = " ".join(done.stderr.split())
+    words = ["--set", COARSE[0], "--workers", "1", "--over", *over, "-o", out, "--json", report]
+    said = succeed("sweep", "aluminium-3mm", *words)
     assert "line 4 of" in said
     assert "was damaged. Its case was run again." in said
     assert out.read_bytes() == whole
-    told = json.loads(report.read_text())
+    told = json_in(report)
     assert (told["ran"], told["damaged_lines"]) == (1, [4])
 
 
@@ -106,7 +106,13 @@ def _lines(path: Path) -> list[dict[str, Any]]:
 
 
 def _wait_for(path: Path, cases: int, process: subprocess.Popen[Any]) -> None:
-    wait_until(lambda: len(_lines(path)) >= cases, process)
+    _wait_until(lambda: len(_lines(path)) >= cases, process)
+
+
+def _wait_until(look: Callable[[], bool], process: subprocess.Popen[Any]) -> None:
+    """Wait for what a command that goes on brings about."""
+    wait_for(lambda: process.poll() is not None or look())
+    assert process.poll() is None, "it ended before it could be cut short"
 
 
 BIG = [
@@ -119,6 +125,13 @@ BIG = [
     "--over",
     "sensors.bits=4:15:1",
 ]
+
+
+def begun(out: Path, sweep: list[str], *words: str) -> subprocess.Popen:
+    """A sweep in a session of its own, which heeds a closed terminal."""
+    return start(*sweep, "-o", str(out), *words, start_new_session=True, preexec_fn=_heeds_all)
+
+
 # So many that no machine is done with them before workers are there, or what ends them arrives.
 HUGE = [*BIG, "--over", "controller.kappa=0.1:0.9:0.05"]
 
@@ -126,25 +139,21 @@ HUGE = [*BIG, "--over", "controller.kappa=0.1:0.9:0.05"]
 @pytest.mark.full
 def test_a_killed_sweep_goes_on_without_losing_or_repeating_a_case(tmp_path):
     out = tmp_path / "r.parquet"
-    words = command(*BIG, "-o", str(out))
-    process = subprocess.Popen(words, start_new_session=True)
+    process = begun(out, BIG)
     _wait_for(study.journal_of(out), 200, process)
     os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    process.communicate()
     assert not out.exists()
     kept = {row["case"]: row for row in _lines(study.journal_of(out))}
-    other = subprocess.run([*words, "--over", "controller.kappa=1,2"], capture_output=True)
-    assert other.returncode == 2
-    assert b"its entry 'design' differs" in other.stderr
+    words = [*BIG, "-o", str(out)]
+    refused("its entry 'design' differs", *words, "--over", "controller.kappa=1,2")
     report = tmp_path / "r.json"
-    subprocess.run([*words, "--json", str(report)], check=True, timeout=280)
+    hertzloop(*words, "--json", str(report))
     rows, _ = read_results(out)
     assert [row["case"] for row in rows] == list(range(2400))
-    assert json.loads(report.read_text())["ran"] == 2400 - len(kept)
+    assert json_in(report)["ran"] == 2400 - len(kept)
     assert all(rows[case]["digest"] == row["digest"] for case, row in kept.items())
-    again = subprocess.run(words, capture_output=True)
-    assert again.returncode == 0
-    assert b"has the results of this sweep" in again.stderr
+    assert "has the results of this sweep" in succeed(*words)
 
 
 def _children(pid: int) -> list[int]:
@@ -171,48 +180,30 @@ def _heeds_all() -> None:
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
-@pytest.mark.full
+ENDS = [signal.SIGINT, signal.SIGKILL, signal.SIGHUP]
+
+
 @pytest.mark.usefixtures("warm_kernels")
-@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGHUP])
+@pytest.mark.parametrize("sent", default(ENDS, ENDS[:1]))
 def test_nothing_is_left_of_a_sweep_that_is_ended(tmp_path, sent):
-    """No worker, and no semaphore; a terminal that is closed tells all of them."""
+    """No worker, and no semaphore; Ctrl-C and a terminal that is closed tell all of them."""
     out = tmp_path / "r.csv"
-    process = subprocess.Popen(
-        command(*HUGE, "-o", str(out), "--workers", "2"),
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-        preexec_fn=_heeds_all,
-    )
-    wait_until(lambda: len(_workers(process.pid)) == 1, process)
+    process = begun(out, HUGE, "--workers", "2")
+    _wait_until(lambda: len(_workers(process.pid)) == 1, process)
     started, semaphores = _children(process.pid), _semaphores(process.pid)
     assert semaphores
-    if sent == signal.SIGHUP:
-        os.killpg(process.pid, sent)
-    else:
+    if sent == signal.SIGKILL:
         process.send_signal(sent)
+    else:
+        os.killpg(process.pid, sent)
     _, said = process.communicate(timeout=60)  # until who removes the semaphores has ended, too
     if sent != signal.SIGKILL:
         assert process.returncode == 130
-        assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
-        assert b"resource_tracker" not in said
+        assert said.splitlines()[-1].startswith("interrupted; finished cases are kept")
+        assert "resource_tracker" not in said
+        assert "Traceback" not in said
     assert not any(path.exists() for path in semaphores)
     wait_for(lambda: not any(_runs(pid) for pid in started))
-
-
-@pytest.mark.usefixtures("warm_kernels")
-def test_ctrl_c_ends_a_sweep_with_a_sentence_alone(tmp_path):
-    out = tmp_path / "r.csv"
-    process = subprocess.Popen(
-        command(*HUGE, "-o", str(out), "--workers", "2"),
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
-    _wait_for(study.journal_of(out), 100, process)
-    os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert said.decode().splitlines()[-1].startswith("interrupted; finished cases are kept")
-    assert b"Traceback" not in said
 
 
 def _workers(pid: int) -> list[int]:
@@ -223,12 +214,8 @@ def _workers(pid: int) -> list[int]:
 @pytest.mark.usefixtures("warm_kernels")
 def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(tmp_path):
     out = tmp_path / "r.csv"
-    process = subprocess.Popen(
-        command(*HUGE, "-o", str(out), "--workers", "3"),
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-    )
-    wait_until(lambda: len(_workers(process.pid)) == 2, process)
+    process = begun(out, HUGE, "--workers", "3")
+    _wait_until(lambda: len(_workers(process.pid)) == 2, process)
     # Until all processes are at it, and this one has taken from what was left for them.
     _wait_for(study.journal_of(out), len(_lines(study.journal_of(out))) + 2000, process)
     workers = _workers(process.pid)
@@ -239,11 +226,11 @@ def test_a_worker_that_dies_ends_a_sweep_with_a_sentence(tmp_path):
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
     assert process.returncode == 1
-    assert " ".join(said.decode().split()).endswith(
+    assert " ".join(said.split()).endswith(
         "error: a worker process died; finished cases are kept. Run the same command again "
         "to continue."
     )
-    assert b"Traceback" not in said
+    assert "Traceback" not in said
     assert not any(_runs(pid) for pid in workers)
     assert len(_lines(study.journal_of(out))) >= 2000
 
@@ -276,18 +263,16 @@ def cluster(workers: int) -> Iterator[tuple[str, list[subprocess.Popen]]]:
 def test_a_dask_cluster_that_loses_a_worker_gives_the_rows_of_one_machine(tmp_path):
     out, report = tmp_path / "r.csv", tmp_path / "r.json"
     with cluster(2) as (address, workers):
-        process = subprocess.Popen(
-            command(*BIG, "-o", str(out), "--dask", address, "--json", str(report))
-        )
+        process = begun(out, BIG, "--dask", address, "--json", str(report))
         _wait_for(study.journal_of(out), 200, process)
         workers[0].kill()
-        assert process.wait(timeout=250) == 0
+        ended(process)
     rows, _ = read_results(out)
     assert [row["case"] for row in rows] == list(range(2400))
     assert not any(row["status"] for row in rows)
-    assert json.loads(report.read_text())["ran"] == 2400
+    assert json_in(report)["ran"] == 2400
     local = tmp_path / "local.csv"
-    subprocess.run(command(*BIG, "-o", str(local), "--workers", "1"), check=True)
+    succeed(*BIG, "-o", local, "--workers", "1")
     assert local.read_bytes() == out.read_bytes()
 
 
@@ -295,14 +280,9 @@ def test_a_dask_cluster_that_loses_a_worker_gives_the_rows_of_one_machine(tmp_pa
 def test_a_lost_scheduler_is_named_and_finished_cases_are_kept(tmp_path):
     out = tmp_path / "r.csv"
     with cluster(1) as (address, _):
-        process = subprocess.Popen(
-            command(*HUGE, "-o", str(out), "--dask", address), stderr=subprocess.PIPE
-        )
+        process = begun(out, HUGE, "--dask", address)
         _wait_for(study.journal_of(out), 100, process)
-    _, said = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert b"was lost; finished cases are kept" in said.replace(b"\n", b" ")
-    assert b"Traceback" not in said
+    ended(process, 1, "was lost; finished cases are kept")
     assert len(_lines(study.journal_of(out))) >= 100
 
 
@@ -311,25 +291,13 @@ def test_a_cluster_without_workers_is_waited_for_with_a_word(tmp_path, monkeypat
     monkeypatch.setattr(dask_pool, "_WORKERLESS_S", 4.0)
     monkeypatch.setattr(dask_pool, "_LOOK_S", 1.0)
     with cluster(0) as (address, _):
-        result = invoke([*HUGE, "-o", str(tmp_path / "r.csv"), "--dask", address])
-    assert result.exit_code == 1
-    assert f"{address} has no workers; waiting 4 s for one" in result.stderr
-    assert "error: the Dask scheduler" in result.stderr
+        words = [*HUGE, "-o", tmp_path / "r.csv", "--dask", address]
+        said = refused("error: the Dask scheduler", *words, code=1)
+    assert f"{address} has no workers; waiting 4 s for one" in said
 
 
 @pytest.mark.full
 def test_a_scheduler_that_is_not_there_is_named(tmp_path):
-    found = subprocess.run(
-        command(
-            "sweep",
-            "--over",
-            "sensors.bits=4,5",
-            "-o",
-            str(tmp_path / "r.csv"),
-            "--dask",
-            "tcp://127.0.0.1:1",
-        ),
-        capture_output=True,
-    )
-    assert found.returncode == 1
-    assert b"no Dask scheduler answers at tcp://127.0.0.1:1" in found.stderr
+    words = ["--over", "sensors.bits=4,5", "-o", tmp_path / "r.csv", "--dask", "tcp://127.0.0.1:1"]
+    sentence = "no Dask scheduler answers at tcp://127.0.0.1:1"
+    refused(sentence, "sweep", *words, code=1)
