@@ -24,6 +24,9 @@ LEFT_OUT = {
     "pip install": "installs",
     "git clone": "fetches",
     "python -m benchmarks.": "a program of the clone",
+    "hertzloop scene keys --markdown >": "writes a page of the clone",
+    "python -c 'from tests import metric_page": "as before",
+    "python -m tests.python_page": "as before",
     "cmake ": "needs the sources of zenoh-pico",
     "nanopb_generator ": "needs nanopb",
     "cc -O2 -std=gnu11 -ffp-contract=off -DZENOH_LINUX": "as before",
@@ -47,7 +50,7 @@ SHORTER = {
     "hertzloop tune": "hertzloop tune --generations 2 --population 8",
     "--law force_feedback\n": "--law force_feedback --quick\n",
     "--goal 'rebound_percent < 300'\n": "--goal 'rebound_percent < 300' --quick\n",
-    "--trace paced.mcap\n": "--trace paced.mcap --quick\n",
+    "--trace paced.mcap ": "--trace paced.mcap --quick ",
     "pytest\n": "python -m pytest -q\n",  # of the environment, not the one that is first on a PATH
     "pytest requirements.toml": "python -m pytest requirements.toml",
     "10.0.0.1": "127.0.0.1",

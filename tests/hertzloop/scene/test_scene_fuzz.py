@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.metrics import metrics_of
-from hertzloop.scene.errors import SceneError, _limits
+from hertzloop.scene.errors import SceneError, parts_of
 from hertzloop.scene.loading import load, parse, shipped
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.setup import resolve
@@ -69,7 +69,9 @@ def extremes(table: str, key: str) -> st.SearchStrategy[Any]:
     field = TABLES[table].model_fields[key]
     kinds = (field.annotation, *get_args(field.annotation))
     words = [word for kind in kinds for word in get_args(kind) if isinstance(word, str)]
-    bounds = [value for _, value in _limits(field)] or [1e-9, 0.1, 10.0]
+    ends = ("ge", "gt", "le", "lt")
+    found = [getattr(one, end) for one in parts_of(field) for end in ends if hasattr(one, end)]
+    bounds = found or [1e-9, 0.1, 10.0]
     numbers = [int(n) if n == int(n) else n for n in (*bounds, 0.0, 1.0)]
     one = st.sampled_from([*words, *numbers])
     return one | st.lists(st.sampled_from(numbers), min_size=2, max_size=2)
