@@ -1,12 +1,15 @@
 """All three roles in one process, joined in-process or by zenoh."""
 
 import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 import zenoh
 
 from hertzloop.bus.port import InProcessBus, InProcessPort
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER
 from hertzloop.bus.zenoh_port import ZenohPort
+from tests.ports import free_ports
 
 ROLES = (PLANT, CONTROLLER, RECORDER)
 PATIENCE_S = 20.0  # for what has to come: generous, nothing is timed here
@@ -31,9 +34,10 @@ def stranger(endpoint: str) -> zenoh.Session:
     return zenoh.open(config)
 
 
-def zenoh_mesh(ports: list[int], name: str = "contract") -> dict[str, ZenohPort]:
+@contextmanager
+def zenoh_mesh(name: str = "contract", ports: Sequence[int] = ()) -> Iterator[dict[str, ZenohPort]]:
     """All three roles in this process, each with a session of its own, a full mesh."""
-    urls = [url(port) for port in ports]
+    urls = [url(port) for port in ports or free_ports(3)]
     mesh = {
         role: ZenohPort(role, name, [urls[place]], urls[:place]) for place, role in enumerate(ROLES)
     }
@@ -41,7 +45,11 @@ def zenoh_mesh(ports: list[int], name: str = "contract") -> dict[str, ZenohPort]
         port.liveliness.announce()
     for role, port in mesh.items():
         port.liveliness.wait_for([other for other in ROLES if other != role], PATIENCE_S)
-    return mesh
+    try:
+        yield mesh
+    finally:
+        for port in mesh.values():
+            port.close()
 
 
 def in_process_mesh() -> dict[str, InProcessPort]:

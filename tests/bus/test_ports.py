@@ -4,19 +4,18 @@ import numpy as np
 import pytest
 
 from hertzloop.bus.messages_pb2 import TruthBlock
-from hertzloop.bus.port import InProcessBus, InProcessPort, PeerLost, Port
+from hertzloop.bus.port import InProcessBus, InProcessPort, PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS, Envelope
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, ROLES, in_process_mesh, zenoh_mesh
-from tests.ports import free_ports
 
 
 @pytest.fixture(params=["in-process", "zenoh"])
 def mesh(request):
-    ports: dict[str, Port] = {}
-    ports.update(in_process_mesh() if request.param == "in-process" else zenoh_mesh(free_ports(3)))
-    yield ports
-    for port in ports.values():
-        port.close()
+    if request.param == "in-process":
+        yield in_process_mesh()
+    else:
+        with zenoh_mesh() as ports:
+            yield ports
 
 
 def text(i: int) -> bytes:

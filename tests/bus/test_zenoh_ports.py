@@ -18,10 +18,8 @@ from tests.ports import free_ports
 
 @pytest.fixture
 def zenoh():
-    ports = zenoh_mesh(free_ports(3))
-    yield ports
-    for port in ports.values():
-        port.close()
+    with zenoh_mesh() as ports:
+        yield ports
 
 
 @pytest.fixture
@@ -212,12 +210,8 @@ class TestEndpoints:
 
         ports = free_ports(3)
         before = connections()
-        mesh = zenoh_mesh(ports)
-        try:
+        with zenoh_mesh(ports=ports):
             opened = connections() - before
-        finally:
-            for port in mesh.values():
-                port.close()
         listening = {(ip, number) for ip, number, state in opened if "LISTEN" in state}
         assert listening == {("127.0.0.1", number) for number in ports}
         assert {ip for ip, _, _ in opened} == {"127.0.0.1"}

@@ -15,15 +15,12 @@ from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, zenoh_mesh
 from tests.hertzloop.commands import EVENTUALLY_S, wait_for
 from tests.hertzloop.short_runs import scene
-from tests.ports import free_ports
 
 
 @pytest.fixture
 def mesh():
-    ports = zenoh_mesh(free_ports(3), "last-words")
-    yield ports
-    for port in ports.values():
-        port.close()
+    with zenoh_mesh("last-words") as ports:
+        yield ports
 
 
 def heard_last(port: ZenohPort) -> Envelope:
