@@ -6,11 +6,11 @@ processor some of them are the same. Each compiles its own kernels, into the usu
 
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Iterable
 
 import numpy as np
-
-from tests.hertzloop.commands import python
 
 _SIMD = np.show_config(mode="dicts")["SIMD Extensions"]["found"]
 
@@ -65,7 +65,12 @@ print(json.dumps(found))
 def said(processor: str, *words: str) -> str:
     """What `python WORDS` prints on a processor, a name of `PROCESSORS`: a program after "-c", or
     `hertzloop` by "-m". Fails where the program does."""
-    return python(*words, env={**os.environ, **PROCESSORS[processor]}).stdout
+    environment = {**os.environ, **PROCESSORS[processor]}
+    done = subprocess.run(
+        [sys.executable, *words], env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
 
 
 def run_digests(
