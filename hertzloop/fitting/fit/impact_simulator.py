@@ -308,7 +308,8 @@ def _between_modes(spec: PlantSpec) -> float:
     if spec.plate.local_plate is None or spec.plate.mode_table is not None:
         return spec.frequency_limit_hz
     limit = 2.0 * math.pi * spec.frequency_limit_hz
-    omega = spec.plate.modes(_NEXT_MODE * limit, spec.contact_point_m, spec.actuator_point_m).omega
+    highest = min(_NEXT_MODE * limit, 2.0 * math.pi * spec.plate.highest_hz)
+    omega = spec.plate.modes(highest, spec.contact_point_m, spec.actuator_point_m).omega
     above = omega[omega > limit * (1.0 + 1e-9)]
     below = omega[omega < limit * (1.0 + 1e-9)]
     if not len(above) or not len(below):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
 from hertzloop.fitting.fit.problem_preparation import prepare_problem
 from hertzloop.fitting.fit.results import ModelVerdict
 from tests.fitting.fitting import THICKNESS, YIELDS, fitted, scene
@@ -27,6 +28,14 @@ def test_a_thick_plate_under_a_short_contact_gets_modes_enough_for_the_noise():
     assert channel.simulation_error == 0.0
     assert float(np.sqrt(np.mean(error**2))) < 0.2 * channel.noise
     assert fitted(start, one, THICKNESS).model is ModelVerdict.FITS
+
+
+@pytest.mark.full
+def test_a_plate_of_which_the_highest_known_modes_are_needed_is_simulated():
+    start = scene("plate.edges=cccc", "plate.thickness_m=1e-3", "plate.size_m=[0.4, 0.3]")
+    simulator = ImpactSimulator(start, 1e-4, accuracy=1e-5)
+    assert simulator.spec.frequency_limit_hz == start.mechanics.structure.highest_hz
+    assert simulator.run({}, 1e-4).time_s[-1] >= 1e-4
 
 
 @pytest.mark.full
