@@ -8,11 +8,13 @@ import numpy as np
 import scipy
 
 from hertzloop.fitting.fit.free_keys import PRESSURE_KEY, FreeKey, drop_values, values_for_record
+from hertzloop.fitting.fit.parameters import SHIFT_UNIT_S
 from hertzloop.fitting.fit.problem import FitProblem, Iterate
 from hertzloop.scene.errors import SceneError
 
-# Sizes of a first step: of logarithms of keys, of phases (periods), of clocks (ppm), of all others.
-_KEY_SIZE, _PHASE_SIZE, _CLOCK_SIZE, _LARGEST = 0.3, 0.1, 50.0, 1.0
+# Sizes of a first step: of logarithms of keys, of shifts (contact times), of phases (periods), of
+# clocks (ppm), of all others.
+_KEY_SIZE, _SHIFT_SIZE, _PHASE_SIZE, _CLOCK_SIZE, _LARGEST = 0.3, 0.1, 0.1, 50.0, 1.0
 _STILL = 1e-7  # a step over its size, that ends a minimisation
 _PRESSURES = (0.25, 0.45, 0.7)  # starts, over the elastic pressure, above which nothing yields
 # The search for a lower minimum goes along the direction that a shorter window tells least.
@@ -65,7 +67,6 @@ def minimise(
         np.zeros(len(x)),
         jacobian,
         ((low - x) / size, (high - x) / size),
-        method="dogbox",
         ftol=tolerance,
         xtol=_STILL,
         max_nfev=2 * steps,
@@ -79,7 +80,8 @@ def _step_sizes(problem: FitProblem, x: np.ndarray) -> np.ndarray:
     found[: len(problem.varied_keys)] = _KEY_SIZE
     for place, period in problem.phase_periods.items():
         found[place] = _PHASE_SIZE * period
-    for at in problem.nuisance_indices:
+    for simulator, at in zip(problem.simulators, problem.nuisance_indices, strict=True):
+        found[at.shift] = _SHIFT_SIZE * simulator.contact_s / SHIFT_UNIT_S
         found[at.clock] = _CLOCK_SIZE
     return found
 
