@@ -15,6 +15,7 @@ from hertzloop.scene.errors import SceneError
 # Sizes of a first step: of logarithms of keys, of shifts (contact times), of phases (periods), of
 # clocks (ppm), of all others.
 _KEY_SIZE, _SHIFT_SIZE, _PHASE_SIZE, _CLOCK_SIZE, _LARGEST = 0.3, 0.1, 0.1, 50.0, 1.0
+_INSIDE = 0.1  # least distance of a start from a bound, over a first step; nearer, steps are short
 _STILL = 1e-7  # a step over its size, that ends a minimisation
 _PRESSURES = (0.25, 0.45, 0.7)  # starts, over the elastic pressure, above which nothing yields
 # The search for a lower minimum goes along the direction that a shorter window tells least.
@@ -48,8 +49,10 @@ def minimise(
         The best point found, with its Jacobian.
     """
     low, high = problem.bounds()
-    x = np.clip(x, low, high)
-    window, size = problem.samples_until(x, until_s), _step_sizes(problem, x)
+    size = _step_sizes(problem, x)
+    inside = _INSIDE * np.minimum(size, high - low)
+    x = np.clip(x, low + inside, high - inside)
+    window = problem.samples_until(x, until_s)
     found = problem.evaluate(x, until_s, early, window=window)
 
     def residual(z: np.ndarray) -> np.ndarray:

@@ -54,6 +54,13 @@ def test_a_limiting_pressure_is_found_from_a_start_at_which_nothing_yields():
     assert_holds(found, 8e8, 0.05)
 
 
+def test_a_key_that_starts_at_its_bound_is_found():
+    start = scene(f"{HEIGHT}=0.02", "contact.stiffness_factor=0.1")
+    found = fitted(start, record(scene()), f"{HEIGHT}=0.02:1", "contact.stiffness_factor=0.01:100")
+    assert_holds(found, 0.05, 1.0)
+    assert found.model is ModelVerdict.FITS
+
+
 def test_noise_does_not_make_an_elastic_contact_yield():
     """In these three of 110 records the noise looks like yielding at the highest pressure."""
     seen = truth(scene(), "contact_force", 70e-6)
