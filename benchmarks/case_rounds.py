@@ -1,8 +1,8 @@
 """Rounds of cases of a sweep, measured in a process of its own, on request.
 
 The process runs the checkout on its PYTHONPATH, which may be another one than that of this file. It
-uses only what earlier versions have as well. It reads a number per line, and answers with a line of
-JSON: for each sweep the processor time of a case and of the loop in it, ms.
+uses only what earlier versions have as well. It takes a scene file, reads a number per line, and
+answers with a line of JSON: for each sweep the processor time of a case and of the loop in it, ms.
 """
 
 import json
@@ -10,14 +10,13 @@ import random
 import sys
 import time
 
-from benchmarks.scenes import load
 from hertzloop.__main__ import collect_rarely
 from hertzloop.loop.simulate import IN_LOOP
+from hertzloop.scene.setup import load
 from hertzloop.studies.cases.axis import axes_from
 from hertzloop.studies.cases.design import DesignKind, design_of
 from hertzloop.studies.cases.evaluate import chunked, run_cases
 
-SCENE = "aluminium-3mm"
 LATENCY_MAP, PLATES = "latency map", "radius, thickness, material (Sobol)"
 OVER = {
     LATENCY_MAP: ["controller.latency_us=0:99:1", "sensors.bits=8:23:1"],
@@ -35,7 +34,7 @@ _ROUNDS = 64  # with plates of their own each; the latency map begins anew after
 def answer() -> None:
     """Answer each number that is read with the round of this number."""
     collect_rarely()  # as `hertzloop` does, whose speed is measured
-    setup = load(SCENE)
+    setup = load(sys.argv[1])
     chunks = {}
     for sweep, over in OVER.items():
         cases = design_of(

@@ -12,9 +12,11 @@ from benchmarks import case_rounds
 from benchmarks.commands import BeforeOption, checkouts, environment_of, take
 from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start, tracked
 from benchmarks.results import results_in
+from benchmarks.scenes import FOLDER
 from hertzloop.cli.options import JsonOption
 
 _MAP_CASES = 1600  # of the whole latency map
+_SCENE = str(FOLDER / "aluminium-3mm.toml")
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,7 @@ class _Rounds:
 
     def __init__(self, root: Path) -> None:
         self._process = subprocess.Popen(
-            [sys.executable, case_rounds.__file__],
+            [sys.executable, case_rounds.__file__, _SCENE],
             env=environment_of(root),
             text=True,
             stdin=subprocess.PIPE,
@@ -70,7 +72,7 @@ class _Rounds:
 def _whole_s(root: Path) -> tuple[float, float]:
     """Wall time and processor time of `hertzloop sweep` for the latency map in a checkout, s."""
     over = [word for axis in case_rounds.OVER[case_rounds.LATENCY_MAP] for word in ("--over", axis)]
-    words = [sys.executable, "-m", "hertzloop", "sweep", case_rounds.SCENE, *over]
+    words = [sys.executable, "-m", "hertzloop", "sweep", _SCENE, *over]
     with TemporaryDirectory(prefix="hertzloop-") as folder:
         taken = take([*words, "--out", "map.parquet"], root, Path(folder))
     return taken.wall_s, taken.cpu_s
