@@ -155,7 +155,7 @@ def digest_of(truth: np.ndarray, samples: np.ndarray) -> str:
     """Digest of truth, shape (10, steps), and samples (values, or codes): 32 hex digits, the same
     for the same bits."""
     digest = hashlib.blake2b(digest_size=16)
-    for values in (*truth, samples):
+    for values in (truth, samples):
         digest.update(np.ascontiguousarray(values))
     return digest.hexdigest()
 

@@ -126,6 +126,7 @@ _ORDINARY: dict[str, tuple[Any, ...]] = {
     "run.plate_model": ("auto", "modal"),
     "run.duration_s": (),
 }
+_ORDINARY_OF = [(*key.split("."), values) for key, values in _ORDINARY.items()]  # table and name
 # What needs no modes.
 _OF_INFINITE_PLATE = (
     "run.plate_model",
@@ -138,10 +139,12 @@ _OF_INFINITE_PLATE = (
 
 def _unsupported(s: Any) -> tuple[str, str] | None:
     """A key that the scheme refuses, or an infinite plate does not have, and why."""
-    for key, ordinary in _ORDINARY.items():
-        value = _value(s, key)
-        at_contact = key == "plate.actuator_point_m" and value == s.plate.contact_point_m
-        if value in ordinary or at_contact:
+    for table, name, ordinary in _ORDINARY_OF:
+        value = getattr(getattr(s, table), name, None)
+        if value in ordinary:
+            continue
+        key = f"{table}.{name}"
+        if key == "plate.actuator_point_m" and value == s.plate.contact_point_m:
             continue
         asked = ("steps", s.run.steps) if key == "run.duration_s" else (key, value)
         if why := SCHEMES[s.run.scheme].refusal(*asked):
@@ -172,8 +175,10 @@ def _uneven(s: Any) -> tuple[str, None] | None:
     """A key that is not a whole number of steps."""
     keys = [f"controller.{key}" for key in s.controller.whole_step_keys]
     for key in (*keys, "actuator.dead_time_us"):
-        value = _value(s, key) or 0.0
-        if abs(value * 1000 / s.run.step_ns - s.run.in_steps(value)) > 1e-9 * max(1.0, value):
+        value = _value(s, key)
+        if value and abs(value * 1000 / s.run.step_ns - s.run.in_steps(value)) > 1e-9 * max(
+            1.0, value
+        ):
             return key, None
     return None
 

@@ -8,6 +8,7 @@ of the model, so the choice costs nothing per step.
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -16,6 +17,12 @@ from numba.extending import overload
 
 from hertzloop.common.jit import kernel
 from hertzloop.common.uncompiled import plain
+
+
+@cache  # asked ten times a case of a sweep
+def _loaded(plant: str) -> Any:
+    module, name = plant.split(":")
+    return getattr(import_module(module), name)
 
 
 @dataclass(frozen=True)
@@ -36,8 +43,7 @@ class Scheme:
 
     def load(self) -> Any:
         """The class of the plant."""
-        module, name = self.plant.split(":")
-        return getattr(import_module(module), name)
+        return _loaded(self.plant)
 
     def refusal(self, what: str, value: object = None) -> str:
         """See `Plant.refusal`."""
