@@ -41,6 +41,8 @@ def seen_values(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _seen(name: str, value: Any) -> Any:
+    if type(value) is float:
+        return value
     if isinstance(value, complex | np.complexfloating):
         raise TypeError(_complex(name))
     if isinstance(value, np.number | np.bool_):

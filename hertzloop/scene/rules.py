@@ -10,9 +10,16 @@ from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError, shortened, shown
 from hertzloop.scene.materials import material_name
 from hertzloop.scene.quantities import SENSED
-from hertzloop.scene.tables import ActuatorTable, ModesPlate, ModesTable, PlateBySizes
+from hertzloop.scene.tables import (
+    ActuatorTable,
+    ModesPlate,
+    ModesTable,
+    PlateBySizes,
+    SensorsTable,
+)
 
 _DAMPING = ActuatorTable().damping
+_OF_FAULT = [key for key in SensorsTable.model_fields if key.startswith("fault_")]
 _EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
 _MOST_STEPS = 20_000_000
 _NARROWEST = 1e-12  # range of a converter, in the unit of its quantity
@@ -197,8 +204,7 @@ def _waits_twice(s: Any) -> bool:
 
 
 def _without_fault(s: Any) -> bool:
-    beside = (value for key, value in s.sensors if key.startswith("fault_"))
-    return s.sensors.fault is None and any(value is not None for value in beside)
+    return s.sensors.fault is None and any(getattr(s.sensors, key) is not None for key in _OF_FAULT)
 
 
 def _senses(s: Any) -> list[str]:

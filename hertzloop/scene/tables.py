@@ -133,9 +133,11 @@ class Variant(SceneTable):
     @classmethod
     def kind_of(cls, given: Any) -> type["Variant"]:
         """Return the kind that a table, or plain data, is."""
+        if isinstance(given, Variant):
+            return type(given)
         for kind in cls.kinds():
             key, told = kind.TOLD_BY
-            value = given.get(key) if isinstance(given, dict) else getattr(given, key, None)
+            value = given.get(key) if isinstance(given, dict) else None
             if value is not None and told in (None, value):
                 return kind
         return cls.kinds()[-1]
