@@ -11,7 +11,7 @@ def changed_fields(part: Any, but: Collection[str]) -> list[str]:
     of `but`."""
     return [
         name
-        for name, default in _defaults(type(part))
+        for name, default in _defaults(part.__class__)
         if name not in but and getattr(part, name) != default
     ]
 

@@ -133,7 +133,7 @@ _ORDINARY: dict[str, tuple[Any, ...]] = {
     "run.plate_model": ("auto", "modal"),
     "run.duration_s": (),
 }
-_ORDINARY_OF = [(*key.split("."), values) for key, values in _ORDINARY.items()]  # table and name
+_ORDINARY_OF: list[Any] = [(*key.split("."), values) for key, values in _ORDINARY.items()]
 # What needs no modes.
 _OF_INFINITE_PLATE = (
     "run.plate_model",
