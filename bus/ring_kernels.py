@@ -22,12 +22,10 @@ ANSWERS_TAKEN, SAMPLE_RING = 16, 32
 SAMPLE_WORDS, ANSWER_WORDS = 2, 4
 # What one end counts for itself. FORCES_PUT: steps whose force the controller has put into the
 # ring, SAMPLES_ANSWERED: samples that it has answered there.
-# LAST_WITHOUT_GRANT: samples that the controller had answered when it last answered one without a
+# LAST_UNGRANTED: samples that the controller had answered when it last answered one without a
 # trigger level.
 # WAITS, WAITED_NS: how often, and about how long, this end has waited for the other.
-OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_ANSWERED, LAST_WITHOUT_GRANT, WAITS, WAITED_NS = range(
-    9
-)
+OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_ANSWERED, LAST_UNGRANTED, WAITS, WAITED_NS = range(9)
 OWN_COUNTS = 9
 _TIME_EVERY = 8  # waits, of which one is timed: a clock is as slow as a short wait
 # No ints: Numba would compile `_wait_slowly` once for each value.
@@ -115,7 +113,7 @@ def wait_for_sample(ring, i):
     """Wait for sample `i`; False if it did not come in time. Where the plant has been running ahead
     under a promise for a while, it does not wait for the answer, and the core is left to others."""
     at = _sample_slot(ring, i)
-    if ring.rest_us == 0 or i - ring.own[LAST_WITHOUT_GRANT] < _REST_AFTER:
+    if ring.rest_us == 0 or i - ring.own[LAST_UNGRANTED] < _REST_AFTER:
         return _wait(ring, at, i + 1)
     return _wait_slowly(ring, at, i + 1, _AT_ONCE, ring.rest_us)
 

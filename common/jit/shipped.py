@@ -30,11 +30,15 @@ def unpack(digest: str, folder: Path) -> None:
     if not shipped.is_dir() or not _serves():
         return
     config.CPU_NAME, config.CPU_FEATURES = LEVEL, ""
-    for name, place in _places(folder):
-        if (shipped / name).is_dir():
-            _copy(shipped / name, place)
-    for marker in shipped.glob(_MARKERS):
-        (folder / marker.name).touch()
+    markers = [folder / marker.name for marker in shipped.glob(_MARKERS)]
+    if all(marker.exists() for marker in markers):  # copied by an earlier process
+        return
+    with suppress(OSError):  # the disk does not take them: they are compiled
+        for name, place in _places(folder):
+            if (shipped / name).is_dir():
+                _copy(shipped / name, place)
+        for marker in markers:
+            marker.touch()
 
 
 def pack(digest: str, folder: Path, into: Path) -> None:
@@ -71,9 +75,10 @@ def _kept(folder: Path, sources: Path) -> Path:
 
 
 def _copy(source: Path, target: Path) -> None:
-    """Copy a folder as a whole, unless it is there or the disk does not take it."""
+    """Copy a folder as a whole, unless it is there. Raises OSError."""
     if target.exists():
         return
-    with tempfile.TemporaryDirectory(dir=target.parent) as part, suppress(OSError):
-        shutil.copytree(source, Path(part) / "whole")
-        os.rename(Path(part) / "whole", target)  # fails where another process was first
+    with tempfile.TemporaryDirectory(dir=target.parent) as part:
+        whole = shutil.copytree(source, Path(part) / "whole")
+        with suppress(OSError):  # another process was first
+            os.rename(whole, target)

@@ -8,7 +8,7 @@ import numpy as np
 from hertzloop.bus import ring_kernels
 from hertzloop.bus.ring_kernels import (
     FORCES_PUT,
-    LAST_WITHOUT_GRANT,
+    LAST_UNGRANTED,
     OPEN,
     SAMPLES_ANSWERED,
     Ring,
@@ -120,5 +120,5 @@ def _put_answer(controller, ring, value, level):
     ring_kernels.put_answer(ring, answered, force, level if level < math.inf else math.nan)
     own[SAMPLES_ANSWERED] = answered
     if not value > level:
-        own[LAST_WITHOUT_GRANT] = answered
+        own[LAST_UNGRANTED] = answered
     return True

@@ -182,10 +182,9 @@ def _uneven(s: Any) -> tuple[str, None] | None:
     """A key that is not a whole number of steps."""
     keys = [f"controller.{key}" for key in s.controller.whole_step_keys]
     for key in (*keys, "actuator.dead_time_us"):
-        value = _value(s, key)
-        if value and abs(value * 1000 / s.run.step_ns - s.run.in_steps(value)) > 1e-9 * max(
-            1.0, value
-        ):
+        value = _value(s, key) or 0.0
+        apart = abs(value * 1000 / s.run.step_ns - s.run.in_steps(value))
+        if apart > 1e-9 * max(1.0, value):
             return key, None
     return None
 

@@ -1,5 +1,6 @@
 """Kernels are kept where only this user writes: what lies there is unpickled and run."""
 
+import errno
 import os
 import pickle
 from pathlib import Path
@@ -176,3 +177,22 @@ def test_shipped_kernels_are_unpacked_where_the_processor_serves(tmp_path, monke
         found = {name for name, place in shipped._places(tmp_path) if place.is_dir()}
         assert found == {"hertzloop.plant.contact", "laws_compiled"}
     assert (tmp_path / ".compiled-all").exists()
+
+
+def test_a_disk_that_takes_no_shipped_kernels_is_no_error(tmp_path, monkeypatch):
+    """They are compiled then, and no marker says that they are there."""
+    package = tmp_path / "package" / "digest"
+    (package / "laws").mkdir(parents=True)
+    (package / ".compiled-all").touch()
+    monkeypatch.setattr(shipped, "SHIPPED", package.parent)
+    monkeypatch.setattr(config, "CPU_NAME", shipped.LEVEL)
+    monkeypatch.setattr(config, "CPU_FEATURES", "")
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "no space")
+
+    monkeypatch.setattr(shipped.tempfile, "TemporaryDirectory", full)
+    kept = tmp_path / "kept"
+    kept.mkdir()
+    shipped.unpack("digest", kept)
+    assert not list(kept.iterdir())
