@@ -3,7 +3,7 @@
 import os
 from importlib import import_module as _import_module
 
-__version__ = "0.3.0"
+__version__ = "0.4.0"
 
 # Matrices here are small: threads of the linear algebra cost more than they give. NumPy reads
 # this once, when it is imported first.
