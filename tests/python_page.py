@@ -48,6 +48,9 @@ ELSEWHERE = {
     "BudgetResult": "[Fields of the budget](../how-to/budget.md#fields-of-json)",
     "InPlant": "[Fields of the budget](../how-to/budget.md#fields-of-json)",
     "BudgetLimit": "[Fields of the budget](../how-to/budget.md#fields-of-json)",
+    "SweepRequest": "`hertzloop sweep --help`",
+    "TuneRequest": "`hertzloop tune --help`",
+    "BudgetRequest": "`hertzloop budget --help`",
     "Margin": "[Results of a margin](../how-to/margin.md#results)",
     "FitResult": "[JSON of a fit](fit-json.md)",
     "Estimate": "[JSON of a fit](fit-json.md)",
@@ -55,7 +58,7 @@ ELSEWHERE = {
 # Results whose attributes say what they are by their names; `help` explains them.
 RESULTS = (
     "Impact", "ImpactNoise", "RunMetrics", "MetricRow", "UncertainValue", "Comparison",
-    "TuneResult", "Candidate", "MarginResult",
+    "TuneResult", "Candidate", "MarginResult", "SweepRequest", "TuneRequest", "BudgetRequest",
 )  # fmt: skip
 _SCENE = ("the scene, or its name or TOML file", "the scene with its law, or its name or TOML file")
 _PART = re.compile(r"^(Args|Attributes|Returns|Raises):$")
