@@ -98,20 +98,20 @@ def _layout(names: tuple[str, ...], kinds: tuple[tuple[str, int], ...]) -> np.dt
 
 def pack(values: Mapping[str, Any]) -> PackedRecord:
     """Pack parameters as a law sees them, see `seen_values`, into bytes."""
-    held = tuple(value for value in values.values() if isinstance(value, np.ndarray))
-    kinds = tuple(
-        (value.dtype.name, value.ndim)
-        if isinstance(value, np.ndarray)
-        else (_word(type(value)), -1)
-        for value in values.values()
-    )
-    dtype = _layout(tuple(values), kinds)
-    flat = tuple(
-        (value.ctypes.data, value.shape) if isinstance(value, np.ndarray) else value
-        for value in values.values()
-    )
-    record = np.array([flat or (0,)], dtype)
-    return PackedRecord(dtype, record.view(np.uint8), held)
+    kinds: list[tuple[str, int]] = []
+    flat: list[Any] = []
+    held: list[np.ndarray] = []
+    for value in values.values():
+        if isinstance(value, np.ndarray):
+            kinds.append((value.dtype.name, value.ndim))
+            flat.append((value.ctypes.data, value.shape))
+            held.append(value)
+        else:
+            kinds.append((_word(type(value)), -1))
+            flat.append(value)
+    dtype = _layout(tuple(values), tuple(kinds))
+    record = np.array([tuple(flat) or (0,)], dtype)
+    return PackedRecord(dtype, record.view(np.uint8), tuple(held))
 
 
 @lru_cache(maxsize=256)

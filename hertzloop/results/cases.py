@@ -24,7 +24,7 @@ from hertzloop.results.whole_run import audible_modes, whole_run
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.rules import check_conserves
-from hertzloop.scene.setup import Setup
+from hertzloop.scene.setup import Resolvable, Setup, resolve
 
 
 class CaseState(StrEnum):
@@ -212,8 +212,8 @@ def uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
 
 
 @lru_cache(maxsize=64)
-def _uncontrolled(setup: Setup, span: Span) -> SpanMetrics:
-    setup, run = follow(setup, span)
+def _uncontrolled(free: Resolvable, span: Span) -> SpanMetrics:
+    setup, run = follow(resolve(free), span)
     return _metrics(setup, span, run.truth)[0]
 
 

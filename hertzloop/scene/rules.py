@@ -39,11 +39,8 @@ class Rule(NamedTuple):
     broken: Callable[[Any], Any]
     says: str
 
-    def problem(self, scene: Any) -> str:
-        """Return the sentence on a scene that breaks the rule, "" for another."""
-        found = self.broken(scene)
-        if found is None or found is False:
-            return ""
+    def problem(self, scene: Any, found: Any) -> str:
+        """Return the sentence on a scene that breaks the rule; `found`: what `broken` returned."""
         key, found = (self.key, found) if self.key else found
         value, words = _value(scene, key), self.says.format(s=scene, x=found)
         return f"{key}: {words}" if value is None else f"{key} = {_shown(value)}: {words}"
@@ -66,7 +63,11 @@ def _shown(value: object) -> str:
 def problem_of(scene: Any) -> str:
     """Return a sentence on the first rule that a scene breaks, "" if it keeps them all. Raises
     LawError."""
-    return next(filter(None, (rule.problem(scene) for rule in RULES)), "")
+    for rule in RULES:
+        found = rule.broken(scene)
+        if found is not None and found is not False:
+            return rule.problem(scene, found)
+    return ""
 
 
 def _fall_too_short(s: Any) -> float | None:
@@ -78,10 +79,16 @@ def _fall_too_short(s: Any) -> float | None:
 
 def _places(s: Any) -> Iterator[tuple[str, list[float]]]:
     """The points on a plate, in shares of its sides."""
-    for key in ("plate.contact_point_m", "plate.actuator_point_m", "sensors.point_m"):
-        point = _value(s, key)
-        if point is not None and isinstance(s.plate, PlateBySizes):
-            yield key, [x / side for x, side in zip(point, s.plate.size_m, strict=True)]
+    plate = s.plate
+    if not isinstance(plate, PlateBySizes):
+        return
+    for key, point in (
+        ("plate.contact_point_m", plate.contact_point_m),
+        ("plate.actuator_point_m", plate.actuator_point_m),
+        ("sensors.point_m", s.sensors.point_m),
+    ):
+        if point is not None:
+            yield key, [x / side for x, side in zip(point, plate.size_m, strict=True)]
 
 
 def _outside(s: Any) -> tuple[str, object] | None:

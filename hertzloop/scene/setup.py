@@ -6,8 +6,7 @@ key share what does not depend on that key.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from hertzloop.controller.controller import SignalPath
@@ -54,6 +53,8 @@ class Setup:
     signal_path: SignalPath = field(compare=False)
     law: LawContext
     """what a law may know without a simulation"""
+    infinite_plate: InfinitePlate = field(compare=False)
+    """an infinite plate in the place of the modes, whether or not it is used"""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The scene alone travels to other processes: a law may hold compiled code."""
@@ -73,11 +74,6 @@ class Setup:
     def latency_us(self) -> float:
         """Latency beyond the one step that cannot be avoided, us; of a trace, the least."""
         return _latency_us(self.run, self.signal_path)
-
-    @cached_property
-    def infinite_plate(self) -> InfinitePlate:
-        """An infinite plate in the place of the modes, whether or not it is used."""
-        return _infinite_plate(self.scene, self.mechanics, self.sensor, self.signal_path)
 
     @property
     def expected_error(self) -> float:
@@ -150,6 +146,9 @@ class Setup:
 
     def with_plate_model(self, plate_model: str) -> "Setup":
         """Return the setup with `run.plate_model` set."""
+        if plate_model == self.plate_model == "modal":  # nothing but the word changes
+            run = self.run.replaced(plate_model=plate_model)
+            return replace(self, scene=self.scene.replaced(run=run), run=run)
         return self._with_run(plate_model=plate_model)
 
     def with_steps(self, steps: int) -> "Setup":
@@ -161,13 +160,12 @@ class Setup:
         another processor its last digit may differ from ours."""
         return resolve(self.scene, stiffness)
 
-    def plant_only(self) -> "Setup":
-        """Return the setup without control, converters, seed and names: the same for all setups
+    def plant_only(self) -> Scene:
+        """Return the scene without control, converters, seed and names: the same for all setups
         whose plant alone behaves in the same way."""
         run = self.run.replaced(seed=0, touch_phase=self.run.phase)
         plain = {"name": "plain", "shows": "", "fit": None, "run": run}
-        scene = self.scene.replaced(sensors=_PLAIN_SENSORS, controller=_NO_CONTROL, **plain)
-        return resolve(scene)
+        return self.scene.replaced(sensors=_PLAIN_SENSORS, controller=_NO_CONTROL, **plain)
 
     def _with_run(self, **values: Any) -> "Setup":
         return resolve(self.scene.replaced(run=self.run.replaced(**values)))
@@ -199,13 +197,22 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         mechanics, scene.plate.tail, run.scheme, run.step_ns, run.lead_in_s, run.accuracy
     )
     sensor = resolve_sensor(sensors, mechanics, run.step_s, _latency_us(run, path))
-    if _is_infinite(scene, mechanics, sensor, path):
+    infinite = InfinitePlate(
+        mechanics=mechanics,
+        scheme=run.scheme,
+        step_s=run.step_s,
+        accuracy=run.accuracy,
+        force_bound=law_force_bound(scene.controller),
+        smooth=keeps_force_smooth(sensor, path),
+        latency_s=1e-6 * _latency_us(run, path),
+    )
+    if _is_infinite(run, infinite, run.duration_s - _first_touch_s(run, mechanics)):
         plant = on_infinite_plate(plant, run.step_ns)
     else:
         plant = check_modes(plant, run.step_ns, run.scheme, run.accuracy)
     stiffness = announced_stiffness or mechanics.contact.stiffness
     law = resolve_law(mechanics, stiffness, path, sensor, run.step_ns)
-    return Setup(scene, run, mechanics, plant, sensor, path, law)
+    return Setup(scene, run, mechanics, plant, sensor, path, law, infinite)
 
 
 def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Setup:
@@ -218,27 +225,11 @@ def parse(text: str, settings: Iterable[str] = (), **more: Any) -> Setup:
     return resolve(parse_scene(text, settings, **more))
 
 
-def _is_infinite(scene: Scene, mechanics: Mechanics, sensor: SensorSpec, path: SignalPath) -> bool:
-    """Whether `run.plate_model` comes to an infinite plate."""
-    run = scene.run
+def _is_infinite(run: RunTable, infinite: InfinitePlate, until_s: float) -> bool:
+    """Whether `run.plate_model` comes to an infinite plate for a time after the first touch, s."""
     if run.plate_model != "auto":
         return run.plate_model == "infinite"
-    until_s = run.duration_s - _first_touch_s(run, mechanics)
-    return _infinite_plate(scene, mechanics, sensor, path).error(until_s) <= run.accuracy
-
-
-def _infinite_plate(
-    scene: Scene, mechanics: Mechanics, sensor: SensorSpec, path: SignalPath
-) -> InfinitePlate:
-    return InfinitePlate(
-        mechanics=mechanics,
-        scheme=scene.run.scheme,
-        step_s=scene.run.step_s,
-        accuracy=scene.run.accuracy,
-        force_bound=law_force_bound(scene.controller),
-        smooth=keeps_force_smooth(sensor, path),
-        latency_s=1e-6 * _latency_us(scene.run, path),
-    )
+    return infinite.error(until_s) <= run.accuracy
 
 
 def _first_touch_s(run: RunTable, mechanics: Mechanics) -> float:

@@ -10,6 +10,7 @@ from hertzloop.plant import time_series as ts
 from hertzloop.plant.metrics.impacts import contacts
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.scene.build import build_plant
+from hertzloop.scene.scene import Scene
 from hertzloop.scene.setup import Setup, resolve
 
 # Steps after the lead-in in which the first contact without control is looked for, four times as
@@ -36,13 +37,14 @@ def uncontrolled_force_n(setup: Setup) -> np.ndarray:
 
 
 @lru_cache(maxsize=16)
-def _uncontrolled_force_n(free: Setup) -> tuple[np.ndarray | None, float]:
+def _uncontrolled_force_n(alone: Scene) -> tuple[np.ndarray | None, float]:
     """The force, None of a contact that lasts too long; how long it was followed, s."""
+    free = resolve(alone)
     published = not SCHEMES[free.run.scheme].conserves
     steps, lead_s = _FIRST_STEPS, free.run.lead_in_s
     while steps <= (_MOST_PUBLISHED if published else _MOST_STEPS):
-        run = free.scene.run.replaced(duration_s=lead_s + steps * free.run.step_s)
-        short = resolve(free.scene.replaced(run=run))
+        run = free.run.replaced(duration_s=lead_s + steps * free.run.step_s)
+        short = resolve(alone.replaced(run=run))
         truth = series_under(build_plant(short), np.zeros(1), short.run.steps)
         found = first_contact_force_n(truth, free.mechanics.contact.stiffness, published)
         if found is not None:

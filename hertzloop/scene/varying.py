@@ -44,7 +44,10 @@ def _opened(scene: Scene, changed: set[str]) -> dict[str, Any]:
     if "materials" in changed:  # by name in other tables
         changed = set(Scene.model_fields)
     data = {name: value for name, value in scene if name not in changed and value is not None}
-    return data | scene.model_dump(include=changed | {"materials"}, exclude_none=True)
+    plain = scene.model_dump(include=changed | {"materials"}, exclude_none=True, exclude_unset=True)
+    if "controller" in changed and scene.controller.law_digest is not None:
+        plain.setdefault("controller", {})[_DIGEST] = scene.controller.law_digest
+    return data | plain
 
 
 def with_law_as_it_is(scene: Scene) -> Scene:

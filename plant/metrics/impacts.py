@@ -57,7 +57,10 @@ class Impact:
 
 def contacts(f_c: np.ndarray) -> tuple[list[int], list[int]]:
     """First steps of the contacts, and of what follows them; none after one that is cut off."""
-    edges = np.flatnonzero(np.diff(f_c != 0.0, prepend=False)).tolist()
+    touching = f_c != 0.0
+    edges = (np.flatnonzero(touching[1:] != touching[:-1]) + 1).tolist()
+    if len(touching) and touching[0]:
+        edges.insert(0, 0)
     return edges[::2], edges[1::2]
 
 
@@ -145,7 +148,7 @@ def part_of(
         columns, by = _columns(spec, truth), _reading(spec)
         if truth_kernels.contact_metrics(columns, first_step, start, end, by, metrics):
             until = starts[1] if len(starts) > 1 else truth.shape[1]
-            work_j = step_work_j(spec, truth)[start:until].sum()
+            work_j = _step_work_j(columns, by, 0)[start:until].sum()
             found = impact_of(metrics, spec.step_s, float(work_j))
     return ImpactPart(found, touching, float(truth_kernels.largest(v_p)), drive)
 
@@ -203,7 +206,8 @@ def impacts_in(spec: PlantSpec, truth: np.ndarray) -> list[Impact]:
     size = truth.shape[1]
     if size <= _FEW_STEPS or not starts:
         return []
-    columns, by, work = _columns(spec, truth), _reading(spec), step_work_j(spec, truth)
+    columns, by = _columns(spec, truth), _reading(spec)
+    work = _step_work_j(columns, by, 0)
     metrics, found = np.empty(METRICS), []
     for i, start in enumerate(starts):
         end = ends[i] if i < len(ends) else -1
@@ -221,8 +225,14 @@ def step_work_j(spec: PlantSpec, truth: np.ndarray, first: int = 0) -> np.ndarra
     displacement; on an infinite plate, where v = F/Z, F_1^2 h/(3 Z). Of an actuator elsewhere, the
     velocity is taken from its places.
     """
-    work, speeds = np.empty((2, truth.shape[1]))
-    truth_kernels.plate_work(_columns(spec, truth), first, _reading(spec), speeds, work)
+    return _step_work_j(_columns(spec, truth), _reading(spec), first)
+
+
+def _step_work_j(
+    columns: truth_kernels.TruthColumns, by: truth_kernels.Reading, first: int
+) -> np.ndarray:
+    work, speeds = np.empty((2, len(columns.xi)))
+    truth_kernels.plate_work(columns, first, by, speeds, work)
     return work
 
 

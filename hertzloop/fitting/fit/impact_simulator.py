@@ -334,7 +334,7 @@ class LoopSimulator(ImpactSimulator):
     ) -> None:
         self.parts = math.ceil(setup.run.step_ns / plant_ns)
         # The plant alone: times of the loop need not be whole steps of the plant.
-        alone = setup.plant_only().scene
+        alone = setup.plant_only()
         ideal = alone.actuator.replaced(dead_time_us=None)
         super().__init__(
             resolve(alone.replaced(actuator=ideal)),
