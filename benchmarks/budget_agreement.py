@@ -19,8 +19,8 @@ from hertzloop.studies.budget.effort import SearchEffort, effort_of, variants
 from hertzloop.studies.budget.goal import DEFAULT_GOAL, all_met, parse_goal
 from hertzloop.studies.budget.limit_search import limit_of
 from hertzloop.studies.budget.limits import Boundary, BudgetLimit, BudgetQuantity
+from hertzloop.studies.budget.plant_limits import side_by_side
 from hertzloop.studies.budget.quantities import quantities_of
-from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows

@@ -31,7 +31,7 @@ from hertzloop.studies.budget.result import BudgetResult, InPlant
 from hertzloop.studies.budget.stability import instability
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.margin.sentences import margin_lines
-from hertzloop.studies.pages.commands import run_command
+from hertzloop.studies.pages.words import run_command
 from hertzloop.views.format import Table, unwrapped
 from hertzloop.views.verdict import spans_differ
 from hertzloop.warmup import CASES

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hertzloop.cli.terminal import err, fail, if_interrupted
-from hertzloop.studies.cases.finished_cases import FinishedCases, kept
+from hertzloop.studies.cases.journal import FinishedCases, kept
 from hertzloop.studies.cases.workers import WorkersLost
 
 CONTINUE = "Run the same command again to continue"

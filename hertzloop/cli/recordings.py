@@ -305,7 +305,7 @@ def report(
     outputs.check_output(page, overwrite, "--out-dir", [source])
     say_problems(recording)
     try:
-        text = page_of(recording).html()
+        text = page_of(recording)
     except (RecordingError, SceneError) as error:
         fail(str(error), 1)
     atomic_write(page, text)

@@ -17,10 +17,9 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
-from hertzloop.studies.cases.finished_cases import FinishedCases
+from hertzloop.studies.cases.journal import FinishedCases
 from hertzloop.studies.margin.sentences import unstable_line
-from hertzloop.studies.pages.commands import run_command
-from hertzloop.studies.pages.words import write_rows
+from hertzloop.studies.pages.words import run_command, write_rows
 from hertzloop.studies.tune.plan import TunePlan, plan_tune
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.result import Candidate, TuneResult

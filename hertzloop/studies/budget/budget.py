@@ -18,7 +18,7 @@ from hertzloop.studies.budget.real_plant import real_plant
 from hertzloop.studies.budget.result import Baseline, BudgetResult, InPlant, nearest
 from hertzloop.studies.budget.stability import linear_margin, stable_under
 from hertzloop.studies.cases.evaluate import CaseTally, Pool, evaluate
-from hertzloop.studies.cases.finished_cases import FinishedCases
+from hertzloop.studies.cases.journal import FinishedCases
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import RunCases, check_all_ran, failed, metric_of
 

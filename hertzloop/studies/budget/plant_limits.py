@@ -7,12 +7,11 @@ from hertzloop.scene.controller import mean_latency_us
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort
 from hertzloop.studies.budget.goal import Goal
-from hertzloop.studies.budget.limit_search import limit_of
+from hertzloop.studies.budget.limit_search import Asks, limit_of
 from hertzloop.studies.budget.limits import BudgetLimit
 from hertzloop.studies.budget.quantities import quantities_of
-from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.budget.stability import lower_to_stable
-from hertzloop.studies.cases.rows import RunCases
+from hertzloop.studies.cases.rows import Case, Rows, RunCases
 from hertzloop.studies.margin.flight import Margin
 
 
@@ -60,6 +59,46 @@ def limits_of(
         )
         for quantity, limit in zip(wanted, by_runs, strict=True)
     )
+
+
+def side_by_side(
+    searches: Sequence[Asks],
+    run: RunCases,
+    on_round: Callable[[int], None] = lambda finished: None,
+) -> list[BudgetLimit]:
+    """Advance several searches together, so that all cores have work.
+
+    Args:
+        searches: Generators as of `limit_of`.
+        run: Returns the rows of cases, in their order.
+        on_round: Is told after each round how many searches have finished.
+
+    Returns:
+        The limits, in the order of the searches.
+    """
+    found: dict[int, BudgetLimit] = {}
+    asked: dict[int, list[Case]] = {}
+
+    def advance(number: int, rows: Rows | None) -> None:
+        try:
+            search = searches[number]
+            asked[number] = next(search) if rows is None else search.send(rows)
+        except StopIteration as end:
+            asked.pop(number, None)
+            found[number] = end.value
+
+    for number in range(len(searches)):
+        advance(number, None)
+    while asked:
+        numbers = list(asked)
+        rows = run([case for number in numbers for case in asked[number]])
+        at = 0
+        for number in numbers:
+            count = len(asked[number])
+            advance(number, rows[at : at + count])
+            at += count
+        on_round(len(found))
+    return [found[number] for number in range(len(searches))]
 
 
 def _with_mean_latency(setup: Setup, limit: BudgetLimit) -> BudgetLimit:

@@ -1,1 +1,1 @@
-"""What all studies draw and write: charts, words, HTML pages."""
+"""What all studies draw and write: charts and words."""

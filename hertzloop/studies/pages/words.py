@@ -1,13 +1,16 @@
-"""What metrics, keys and scenes are called on pages: words with units, not names of columns."""
+"""What metrics, keys and cases are called in print: words with units, and commands."""
 
 import csv
-from collections.abc import Iterable, Sequence
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from hertzloop.common.atomic_files import whole_file
+from hertzloop.common.readable import argument
 from hertzloop.results.cases import CASE_FACTS
 from hertzloop.scene.keys import unit_of
+from hertzloop.scene.toml import toml_text
 
 METRICS = {name: f"{row.label} ({row.unit})" for name, row in CASE_FACTS.items() if row.unit}
 AXES = {
@@ -47,6 +50,24 @@ def short(value: Any) -> str:
 def law(name: str) -> str:
     """A law's name in words."""
     return name.replace("_", " ")
+
+
+def run_command(
+    scene: str, case: Mapping[str, Any], settings: Sequence[str] = (), seed: int | None = None
+) -> str:
+    """Return the command that runs a case.
+
+    Args:
+        scene: Name or file of the scene.
+        case: Values of scene keys.
+        settings: Other changes of keys, as of --set; the case replaces those of its keys.
+        seed: Random seed, unless the case has its own; None: that of the scene.
+    """
+    others = [text for text in settings if text.partition("=")[0].strip() not in case]
+    changes = [*others, *(f"{key}={toml_text(value)}" for key, value in case.items())]
+    words = [word for change in changes for word in ("--set", change)]
+    seeded = [] if seed is None or "run.seed" in case else ["--seed", str(seed)]
+    return shlex.join(["hertzloop", "run", argument(scene), *words, *seeded])
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:

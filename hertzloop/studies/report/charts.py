@@ -1,31 +1,37 @@
 """The three charts of a report: around the first contact, over the whole run, and spectra."""
 
+import io
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from hertzloop.recordings.replay.decimation import extremes
 from hertzloop.recordings.replay.plots import Plot, PlotCurve
 from hertzloop.recordings.replay.replay_data import ReplayData
 from hertzloop.studies.pages import pictures
-from hertzloop.studies.pages.html import ResultChart, svg
 
 _POINTS = 1500  # a curve
 _STYLES = {"F_a": 2, "F_c": 1, "measured": 4, "fed": 2, "contact": 1, "plate": 3}
 
 
-def charts_of(shown: ReplayData) -> list[ResultChart]:
-    """Return those charts that a run has."""
-    truth = shown.recording.truth
-    found = []
+def charts_of(shown: ReplayData) -> dict[str, str]:
+    """Return those charts that a run has, by title, as SVG elements."""
+    truth, found = shown.recording.truth, {}
     if shown.contacts:
-        found.append(ResultChart("First contact", _sheet(shown.plots, shown.when.around_ns)))
-    found.append(
-        ResultChart("Whole run", _sheet(shown.plots, (0, (truth.samples - 1) * truth.step_ns)))
-    )
+        found["First contact"] = _sheet(shown.plots, shown.when.around_ns)
+    found["Whole run"] = _sheet(shown.plots, (0, (truth.samples - 1) * truth.step_ns))
     if shown.labels.spectra:
-        found.append(ResultChart("Plate velocity at the contact, whole run", _spectra(shown)))
+        found["Plate velocity at the contact, whole run"] = _spectra(shown)
     return found
+
+
+def _svg(sheet: Figure) -> str:
+    """Return a figure as an SVG element, without the document around it."""
+    text = io.StringIO()
+    sheet.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    whole = text.getvalue()
+    return whole[whole.index("<svg") :]
 
 
 def _spectra(shown: ReplayData) -> str:
@@ -36,7 +42,7 @@ def _spectra(shown: ReplayData) -> str:
         ax.semilogx(found.frequency_hz, found.level_db, label=found.label, **pictures.look(i))
     ax.set(xlabel="frequency (Hz)", ylabel="level in 1/12 octaves\n(dB re 1 m/s)")
     _legend(ax)
-    return svg(sheet)
+    return _svg(sheet)
 
 
 def _sheet(plots: list[Plot], span_ns: tuple[int, int]) -> str:
@@ -53,7 +59,7 @@ def _sheet(plots: list[Plot], span_ns: tuple[int, int]) -> str:
         _legend(ax)
     for ax in axes.ravel()[len(plots) :]:
         ax.remove()
-    return svg(sheet)
+    return _svg(sheet)
 
 
 def _draw(ax: Any, curve: PlotCurve, span_ns: tuple[int, int]) -> None:

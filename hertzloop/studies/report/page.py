@@ -1,6 +1,10 @@
 """One self-contained HTML page of a run: verdict, tables, charts and scene."""
 
 import shlex
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jinja2
 
 from hertzloop.common.readable import argument
 from hertzloop.recordings.recording import Recording
@@ -8,7 +12,6 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.inspection import Assessment, inspected
 from hertzloop.results.metrics import Metrics
 from hertzloop.results.recorded import law_of, setup_of
-from hertzloop.studies.pages.html import ResultPage, ResultTable
 from hertzloop.studies.report.charts import charts_of
 from hertzloop.views.details import law_line
 from hertzloop.views.effects import sentences_of
@@ -19,8 +22,17 @@ from hertzloop.views.replaying import prepare
 from hertzloop.views.verdict import verdict_sentences
 
 
-def page_of(recording: Recording) -> ResultPage:
-    """Return the page of a run.
+class _Table(NamedTuple):
+    """A table of the page; `words`: notes above it."""
+
+    title: str
+    headings: Sequence[str]
+    rows: list[list[str]]
+    words: str
+
+
+def page_of(recording: Recording) -> str:
+    """Return the page of a run as HTML, which needs no other file.
 
     Raises:
         RecordingError: The recording cannot be read or replayed.
@@ -40,7 +52,12 @@ def page_of(recording: Recording) -> ResultPage:
         no_text = []
     except RecordingError as error:
         no_text = [f"{error}."]
-    return ResultPage(
+    template = jinja2.Environment(
+        loader=jinja2.PackageLoader("hertzloop.studies.report", ""),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+    ).get_template("page.html.j2")
+    return template.render(
         title=shown.labels.heading,
         lines=[
             *([] if unstable else verdict),
@@ -70,7 +87,7 @@ def _commands(recording: Recording) -> list[str]:
     return [shlex.join(["hertzloop", *command]) for command in words]
 
 
-def _tables(ends: Assessment, free: Metrics | None, compare: bool) -> list[ResultTable]:
+def _tables(ends: Assessment, free: Metrics | None, compare: bool) -> list[_Table]:
     """Return metrics of the first impact and all impacts as `run` prints them, those without
     control, too; none where a run has no impact."""
     runs = [ends.result.metrics, *([free] if free else [])]
@@ -83,11 +100,11 @@ def _tables(ends: Assessment, free: Metrics | None, compare: bool) -> list[Resul
     shown = [*shown_rows(ends.rows), *further_rows(ends.rows)]
     columns = ["metric", *names, *(["change"] if compare else [])]
     rows = [cells_of(row, ends.result.complete, compare) for row in shown]
-    tables = [ResultTable("First impact", columns, rows, "; ".join(notes_on(shown)))]
+    tables = [_Table("First impact", columns, rows, "; ".join(notes_on(shown)))]
     for name, run, each in zip(names, runs, digits, strict=True):
         why_not = known.why_not if run is runs[0] else ""
         rows, notes = impact_rows(run.by_impact, each, why_not)
         numbered = [[str(i), *row] for i, row in enumerate(rows, 1)]
         headings = ["impact", *impact_headings(run.by_impact)]
-        tables.append(ResultTable(f"Impacts, {name}", headings, numbered, "; ".join(notes)))
+        tables.append(_Table(f"Impacts, {name}", headings, numbered, "; ".join(notes)))
     return tables

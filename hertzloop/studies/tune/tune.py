@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from hertzloop.studies.cases.evaluate import CaseTally
-from hertzloop.studies.cases.finished_cases import FinishedCases
+from hertzloop.studies.cases.journal import FinishedCases
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.tune.plan import TunePlan
 from hertzloop.studies.tune.result import Candidate, TuneResult, best_first

@@ -14,9 +14,9 @@ from hertzloop.studies.budget.goal import METRICS, GoalError, all_met, parse_goa
 from hertzloop.studies.budget.limit_search import limit_of
 from hertzloop.studies.budget.limits import Boundary, BudgetQuantity
 from hertzloop.studies.budget.plan import BudgetPlan, plan_budget
+from hertzloop.studies.budget.plant_limits import side_by_side
 from hertzloop.studies.budget.quantities import quantities_of
 from hertzloop.studies.budget.request import BudgetRequest
-from hertzloop.studies.budget.side_by_side import side_by_side
 from hertzloop.studies.cases.evaluate import evaluate
 from tests.commands import call
 from tests.hertzloop.scenes import json_in

@@ -10,8 +10,7 @@ import pytest
 from hertzloop.results.spans import Span
 from hertzloop.scene.setup import load
 from hertzloop.studies.cases.evaluate import Numbered, Pool, evaluate
-from hertzloop.studies.cases.finished_cases import kept
-from hertzloop.studies.cases.journal import Journal
+from hertzloop.studies.cases.journal import Journal, kept
 from hertzloop.studies.cases.pool import local_pool
 from hertzloop.studies.cases.rows import Rows
 from tests.commands import invoke

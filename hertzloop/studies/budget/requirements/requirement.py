@@ -30,7 +30,7 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from hertzloop.scene.toml import toml_text
 from hertzloop.studies.budget.goal import METRICS, Goal, parse_goal
-from hertzloop.studies.pages.commands import run_command
+from hertzloop.studies.pages.words import run_command
 
 
 class Requirement(BaseModel):
