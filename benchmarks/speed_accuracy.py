@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import integrator_kernels as ik
+from benchmarks.before_after import BeforeOption, draw_impacts
 from benchmarks.integrators import (
     Problem,
     Run,
@@ -171,13 +172,17 @@ def conclusion(points: list[Point]) -> str:
     )
 
 
-def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
+def main(
+    folder: OutDirOption = None, quick: QuickOption = False, before: BeforeOption = None
+) -> None:
     """Compare error and CPU time of schemes and solvers on the same modal equations.
 
     Example: python -m benchmarks.speed_accuracy --quick
     """
     with results_in(folder, "speed_accuracy", "modal") as results:
         points = run(results, quick)
+        if before:
+            draw_impacts(results.path("speed_accuracy-before.png"), before, results.folder)
         columns: Columns = {
             "scene": "{[0]}",
             "error": "{[1]:g}",

@@ -7,6 +7,7 @@ factor (`stability_maps`), and the closed loop over gain and latency (`stability
 import math
 from collections.abc import Callable, Iterable
 
+from benchmarks.before_after import BeforeOption, draw_stability
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Results, results_in
 from benchmarks.stability_limits import LIMITS, growth
@@ -129,13 +130,17 @@ def _of_loop(loop: list[LoopPoint]) -> dict[str, str]:
     }
 
 
-def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
+def main(
+    folder: OutDirOption = None, quick: QuickOption = False, before: BeforeOption = None
+) -> None:
     """Find where each scheme and the closed loop blow up or lose their energy balance.
 
     Example: python -m benchmarks.stability --quick
     """
     with results_in(folder, "stability", "modal") as results:
         found, sentence = run(results, quick)
+        if before:
+            draw_stability(results.path("stability-before.png"), before, results.folder)
         for what, value in found.items():
             out.say(f"{what} {value}")
         results.conclude(sentence)

@@ -10,7 +10,7 @@ from benchmarks.stability_maps import Outcome
 from hertzloop.studies.pages import pictures
 
 BALANCED = ("modal", "discrete_gradient")
-_NAMES = {
+NAMES = {
     "stiffness": "stiffness",
     "mass": "sphere mass",
     "shaken": "plate speed",
@@ -74,7 +74,7 @@ def draw_energy(path: Path, outcomes: dict[str, list[Outcome]]) -> None:
             mine = [one for one in found if one.scheme == scheme]
             steps = list(dict.fromkeys(one.step for one in mine))
             style = pictures.look(2 * i + j, True)
-            label = f"{scheme}: {_NAMES[name]}"
+            label = f"{scheme}: {NAMES[name]}"
             worst = [max(abs(one.change) for one in mine if one.step == step) for step in steps]
             axes[0, 0].loglog(steps, np.maximum(worst, _FLOOR), label=label, **style)
             most = [max(one.evaluations for one in mine if one.step == step) for step in steps]
