@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from hertzloop.results.cases import CaseState, uncontrolled
 from hertzloop.results.predictability import whole_run_known
 from hertzloop.results.span_metrics import MUCH_DB
-from hertzloop.results.spans import OTHER, Span
+from hertzloop.results.spans import IN_WORDS, OTHER, Span
 from hertzloop.results.touch_phases import spread_of
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.budget.effort import SearchEffort, effort_of, lasting
@@ -79,8 +79,12 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
     real = others.pop() if request.with_real else None
     (other_row,) = evaluate(counted, setup, OTHER[scene.span], [{}])
     own_db, other_db = ideal.nominal.metrics["plate_energy_db"], other_row["plate_energy_db"]
-    if abs(other_db - own_db) > MUCH_DB and not whole_run_known(setup):
-        other_db = None
+    why_no_other = ""
+    if other_db is None:  # as of a loop that runs away after the first impact
+        why_no_other = f"There is no plate energy {IN_WORDS[OTHER[scene.span]]}: "
+        why_no_other += f"{other_row['status']}."
+    elif abs(other_db - own_db) > MUCH_DB and not whole_run_known(setup):
+        other_db, why_no_other = None, "Later impacts are not predictable."
     cases = tally.cases
     likely = None
     if plan.uncertain is not None:
@@ -97,6 +101,7 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         real=real,
         other=others[0] if others else None,
         other_db=other_db,
+        why_no_other=why_no_other,
         probability=likely,
         cases=cases,
         all_cases=tally.cases,

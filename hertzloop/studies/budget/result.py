@@ -63,7 +63,7 @@ class BudgetResult:
         real: The same in the real plant; None if it was not asked for.
         other: The same as `ideal` by metrics of the other span; None if it was not asked for.
         other_db: Change of the plate energy over the other span, dB; None without one, and
-            where later impacts are not predictable.
+            where later impacts are not predictable: `why_no_other` says why, in a sentence.
         probability: How likely the goals are met with uncertain keys, if asked for.
         cases: Number of cases that the limits took.
         all_cases: Number of all cases.
@@ -78,6 +78,7 @@ class BudgetResult:
     real: InPlant | None
     other: InPlant | None
     other_db: float | None
+    why_no_other: str
     probability: Probability | None
     cases: int
     all_cases: int

@@ -15,7 +15,7 @@ from hertzloop.studies.budget.requirements.requirement import read_requirements
 from hertzloop.studies.budget.stability import instability, linear_margin, lower_to_stable
 from hertzloop.studies.margin.growth import growth_of, stable_in_flight
 from hertzloop.studies.margin.loop import loops_of
-from tests.commands import refused
+from tests.commands import refused, succeed
 from tests.hertzloop.scenes import json_in
 from tests.tiers import default
 
@@ -251,3 +251,11 @@ def test_the_check_says_so_too(rows):
     data = json_in("a.json")
     assert data["unstable"] is True
     assert [len(row["warnings"]) for row in data["requirements"]] == [0, 0, 1]
+
+
+def test_a_loop_that_runs_away_after_the_first_impact_has_a_budget_of_the_impact():
+    """It has no plate energy over all contacts, and the budget says why."""
+    words = ["--set", "run.accuracy=0.01", "--law", "acceleration_feedback", "--workers", "1"]
+    asked = ["--quick", "--no-real-plant", "--only", "bits"]
+    said = " ".join(succeed("budget", "aluminium-20mm", *words, *asked).split())
+    assert "There is no plate energy over all contacts: the closed loop is unstable" in said
