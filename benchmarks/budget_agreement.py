@@ -10,7 +10,7 @@ from benchmarks.latency import LAWS, law_values
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import results_in
 from benchmarks.scenes import load
-from hertzloop.cli.options import JsonOption, SceneArgument, SetOption
+from hertzloop.cli.options import SceneArgument, SetOption
 from hertzloop.cli.terminal import fail, out
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
@@ -119,7 +119,6 @@ def main(
         int, typer.Option(min=2, help="Try at most this many values of a quantity (all).")
     ] = _ALL,
     quick: QuickOption = False,
-    json_file: JsonOption = None,
 ) -> None:
     """Compare the limits of `hertzloop budget` with brute force.
 
@@ -132,7 +131,7 @@ def main(
     base = [f"run.duration_s={DURATIONS_S[scene]}"] if scene in DURATIONS_S else []
     base += settings or []
     found = []
-    with results_in(folder, "budget_agreement", "modal", json_file=json_file) as results:
+    with results_in(folder, "budget_agreement", "modal") as results:
         with local_pool(1) as pool:
             for law in tracked("laws", laws or (["force_feedback"] if quick else LAWS)):
                 try:

@@ -13,7 +13,6 @@ from benchmarks.commands import BeforeOption, checkouts, environment_of, take
 from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start, tracked
 from benchmarks.results import results_in
 from benchmarks.scenes import FOLDER
-from hertzloop.cli.options import JsonOption
 
 _MAP_CASES = 1600  # of the whole latency map
 _SCENE = str(FOLDER / "aluminium-3mm.toml")
@@ -114,7 +113,6 @@ def main(
     folder: OutDirOption = None,
     rounds: RoundsOption = 7,
     quick: QuickOption = False,
-    json_file: JsonOption = None,
     before: BeforeOption = None,
 ) -> None:
     """Measure how many cases of a sweep one core runs in a second.
@@ -124,7 +122,7 @@ def main(
 
     Example: python -m benchmarks.cases --quick
     """
-    with results_in(folder, "cases", "modal", json_file=json_file) as results:
+    with results_in(folder, "cases", "modal") as results:
         found, whole = measure(1 if quick else rounds, before)
         results.write("cases", found)
         results.write("whole", whole)

@@ -3,7 +3,7 @@
 import multiprocessing
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, astuple
+from dataclasses import astuple
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from hertzloop.bus.port import PeerLost
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback, reserved_ports
 from hertzloop.bus.streams import CONTROLLER, PLANT, ROLES, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
-from hertzloop.cli.options import JsonOption
 from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.state_kernels import FLIGHT_X
@@ -126,20 +125,15 @@ def measure(rounds: int) -> dict[str, list[Cost]]:
     }
 
 
-def main(
-    folder: OutDirOption = None, quick: QuickOption = False, json_file: JsonOption = None
-) -> None:
+def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
     """Measure what a plant step and an exchange cost on this machine.
-
-    `hertzloop bench` measures the whole loop.
 
     Example: python -m benchmarks.costs --quick
     """
-    with results_in(folder, "costs", "modal", json_file=json_file) as results:
+    with results_in(folder, "costs", "modal") as results:
         groups = measure(2 if quick else ROUNDS)
         rows = [(group, *astuple(cost)) for group, costs in groups.items() for cost in costs]
         results.write_rows("costs", ("group", "case", "median_us", "least_us", "ratio"), rows)
-        results.add(**{group: [asdict(cost) for cost in costs] for group, costs in groups.items()})
         columns = {
             "case": "{.case}",
             "median": "{.median_us:.3g}",

@@ -17,7 +17,6 @@ from benchmarks.program import OutDirOption, QuickOption, RoundsOption, start
 from benchmarks.results import results_in
 from benchmarks.scenes import load
 from benchmarks.timing import in_turn
-from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail
 from hertzloop.interop import fmu
 from hertzloop.interop.fmu import NoCompiler, write_folder
@@ -120,19 +119,14 @@ def same_bytes(loop: SimulatedRun, driven: Driven) -> bool:
 _CPUS = ("host", "x86-64-v3", "x86-64")
 
 
-def main(
-    folder: OutDirOption = None,
-    rounds: RoundsOption = 7,
-    quick: QuickOption = False,
-    json_file: JsonOption = None,
-) -> None:
+def main(folder: OutDirOption = None, rounds: RoundsOption = 7, quick: QuickOption = False) -> None:
     """Measure a step of the exported plant in a C program against the compiled loop.
 
     Also compares its bytes. Needs a C compiler.
 
     Example: python -m benchmarks.exported --quick
     """
-    with results_in(folder, "exported", "modal", json_file=json_file) as results:
+    with results_in(folder, "exported", "modal") as results:
         try:
             found = measure(_CPUS[:1] if quick else _CPUS, 1 if quick else rounds)
         except NoCompiler as error:

@@ -23,7 +23,6 @@ from benchmarks.program import (
 )
 from benchmarks.results import Columns, results_in
 from benchmarks.scenes import load
-from hertzloop.cli.options import JsonOption
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.metrics.impacts import impacts_in
@@ -202,14 +201,13 @@ def main(
     scenes: ScenesOption = 100,
     seed: SeedOption = 5,
     quick: QuickOption = False,
-    json_file: JsonOption = None,
 ) -> None:
     """Compare impacts on the lowest modes of plates with impacts on all, and count how many errors
     are within the expected one.
 
     Example: python -m benchmarks.few_modes --quick
     """
-    with results_in(out_dir, "few-modes", "modal", json_file=json_file) as results:
+    with results_in(out_dir, "few-modes", "modal") as results:
         shown = [
             one
             for plate, counts in _DRAWN[: 1 if quick else None]

@@ -20,7 +20,6 @@ from benchmarks.program import (
     tracked,
 )
 from benchmarks.results import results_in
-from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail
 
 _COMMANDS = {
@@ -109,17 +108,12 @@ def kernels() -> dict[str, float]:
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def main(
-    folder: OutDirOption = None,
-    rounds: RoundsOption = 3,
-    quick: QuickOption = False,
-    json_file: JsonOption = None,
-) -> None:
+def main(folder: OutDirOption = None, rounds: RoundsOption = 3, quick: QuickOption = False) -> None:
     """Measure the first run, sweep and replay with no compiled kernels, and each kernel.
 
     Example: python -m benchmarks.first_run --quick
     """
-    with results_in(folder, "first_run", json_file=json_file) as results:
+    with results_in(folder, "first_run") as results:
         try:
             first, compiled = measure(1 if quick else rounds, quick), kernels()
         except subprocess.CalledProcessError as error:

@@ -30,7 +30,6 @@ from benchmarks.synthetic_fits import (
     report,
 )
 from benchmarks.synthetic_records import Spoilt, truth
-from hertzloop.cli.options import JsonOption
 from hertzloop.fitting.fit.fit import fit
 from hertzloop.fitting.fit.free_keys import parse_free_key, start_value
 from hertzloop.fitting.fit.results import FitResult
@@ -148,7 +147,6 @@ def main(
     exact: ExactOption = False,
     only: OnlyOption = None,
     quick: QuickOption = False,
-    json_file: JsonOption = None,
 ) -> None:
     """Count how often the intervals of `hertzloop fit` hold the truth, on synthetic records.
 
@@ -160,7 +158,7 @@ def main(
     """
     names = only or (_QUICK if quick else [name for name in PROBLEMS if name != _LONG])
     check_names(names, list(PROBLEMS))
-    with results_in(folder, "fit_coverage", "modal", json_file=json_file) as results:
+    with results_in(folder, "fit_coverage", "modal") as results:
         found = [summary(name, 2 if quick else seeds, exact) for name in tracked("problems", names)]
         report(results, "fit_coverage", found)
         right, wrong = [s for s in found if not s.wrong], [s for s in found if s.wrong]

@@ -29,7 +29,6 @@ from benchmarks.synthetic_fits import (
     summary,
 )
 from benchmarks.synthetic_records import Spoilt, measured, truth
-from hertzloop.cli.options import JsonOption
 from hertzloop.fitting.fit.fit import fit
 from hertzloop.fitting.fit.free_keys import parse_free_key, start_value
 from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
@@ -177,7 +176,6 @@ def main(
     exact: ExactOption = False,
     only: OnlyOption = None,
     quick: QuickOption = False,
-    json_file: JsonOption = None,
 ) -> None:
     """Count how often intervals hold the truth where the model is of another class than the rig.
 
@@ -190,7 +188,7 @@ def main(
     known = [*CLASSES, *(f"{n} samples before" for n in FEW)]
     names = only or (["right class", "yield"] if quick else known)
     check_names(names, known)
-    with results_in(folder, "fit_discrepancy", "modal", json_file=json_file) as results:
+    with results_in(folder, "fit_discrepancy", "modal") as results:
         found = [
             coverage(name, 1 if quick else seeds, exact) for name in tracked("problems", names)
         ]

@@ -8,30 +8,19 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
-from typing import Annotated, Any
+from itertools import product
+from typing import Any
 
-import numpy as np
-import typer
-
-from benchmarks.latency_pictures import CHANGES, draw_maps
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
-from benchmarks.results import Columns, Results, results_in
+from benchmarks.results import Columns, results_in
 from benchmarks.scenes import load
-from hertzloop.cli.options import JsonOption, SetOption
-from hertzloop.cli.prepare import check_law, scene_from
-from hertzloop.cli.terminal import fail
-from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.plant.contact.hertz import rigid_contact_time_s
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.results.spans import Span
 from hertzloop.results.touch_phases import TOUCH_PHASE_KEY, phases, spread_of
-from hertzloop.scene.errors import SceneError
-from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Pool, evaluate
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.pages import words
 from hertzloop.studies.tune.plan import LAWS
 
@@ -49,11 +38,6 @@ class Named:
     source: str
     settings: tuple[str, ...]
     span: Span
-
-    @property
-    def stem(self) -> str:
-        """What files are called after it."""
-        return Path(self.source).stem
 
     def scene(self) -> Setup:
         """The scene, with an ideal line."""
@@ -247,70 +231,6 @@ def best_laws(found: list[Critical]) -> Iterator[tuple[str, str, float, float]]:
         yield name, best.law, survives(best), survives(best) - survives(two_point)
 
 
-def map_axes(scene: Setup, count: int) -> dict[str, list[Any]]:
-    """What is mapped against the latency: key and values."""
-    axes = {
-        "sensors.bits": list(_BITS),
-        "sensors.every_steps": [1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20],
-        KAPPA: [round(x, 3) for x in np.linspace(0.0, 2.0, count)],
-        "controller.v_thr_m_s": [round(x, 3) for x in np.linspace(-0.95, 0.0, count)],
-    }
-    own = vars(scene.scene.controller.keys)  # a law need not have all of these
-    return {
-        key: values
-        for key, values in axes.items()
-        if key.startswith("sensors.") or key.partition(".")[2] in own
-    }
-
-
-def maps(pool: Pool, named: Named, count: int) -> dict[str, Rows]:
-    """Rows of every map of a scene, latency slowest."""
-    scene = named.scene()
-    found = {}
-    for key, values in map_axes(scene, count).items():
-        cases = [
-            {"controller.latency_us": latency, key: value}
-            for latency in latencies_of(scene, count)
-            for value in values
-        ]
-        found[key] = evaluate(pool, scene, named.span, cases)
-    return found
-
-
-@dataclass(frozen=True)
-class Study:
-    """What is measured: scenes, further laws, and whether coarsely."""
-
-    scenes: Sequence[Named] = SCENES
-    more_laws: tuple[str, ...] = ()
-    quick: bool = False
-
-    @property
-    def mapped(self) -> Sequence[Named]:
-        """The scenes whose maps are drawn."""
-        return self.scenes[:1] if self.quick else self.scenes[:3:2]
-
-    def critical(self, pool: Pool) -> Iterator[Critical]:
-        """Critical values of every law in every scene."""
-        pairs = [(named, law) for named in self.scenes for law in (*LAWS, *self.more_laws)]
-        for named, law in tracked("critical values", pairs):
-            yield critical(pool, named, law, 20 if self.quick else 40)
-
-
-def run(results: Results, study: Study, pool: Pool) -> list[Critical]:
-    """Measure all, write pictures and CSV files; the critical values."""
-    for named in tracked("maps", study.mapped):
-        rows = maps(pool, named, 15 if study.quick else 30)
-        for key, some in rows.items():
-            name = f"latency-{named.stem}-{key.split('.')[1]}"
-            results.write_rows(name, list(some[0]), (row.values() for row in some))
-        path = results.path(f"latency-{named.stem}.png")
-        draw_maps(path, named.name, rows, CHANGES)
-    found = list(study.critical(pool))
-    results.write("latency-critical", found)
-    return found
-
-
 def _over_phases(words: str, ends: Iterable[float], digits: str, *names: str) -> str:
     """A number in words with its range over touch phases, where that is another one; `names`: of
     nan and of infinity."""
@@ -335,8 +255,7 @@ def _energy(c: Critical) -> str:
 
 
 def _law(c: Critical) -> str:
-    name = words.law(c.law) if c.law in shipped_laws() else Path(c.law).name
-    return name + ("" if math.isnan(c.kappa) else f", kappa {c.kappa:g}")
+    return words.law(c.law) + ("" if math.isnan(c.kappa) else f", kappa {c.kappa:g}")
 
 
 def _or(value: float, missing: str, unit: str = "") -> str:
@@ -354,61 +273,28 @@ _COLUMNS: Columns = {
 }
 
 
-def main(
-    scene: Annotated[
-        str | None,
-        typer.Argument(
-            help="A shipped scene's name, or a .toml file; default: the six scenes of the "
-            "documentation.",
-            metavar="[SCENE]",
-            show_default=False,
-        ),
-    ] = None,
-    folder: OutDirOption = None,
-    settings: SetOption = None,
-    quick: QuickOption = False,
-    laws: Annotated[
-        list[str] | None,
-        typer.Option("--law", help="Add your own law to the shipped ones; repeatable."),
-    ] = None,
-    json_file: JsonOption = None,
-) -> None:
-    """Map every law's metrics over latency, bits and sampling period.
+def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
+    """Find how much latency and how few bits each law tolerates.
 
-    It also prints how much latency each law tolerates. With --quick there is one scene, and the
-    maps are coarser.
+    With --quick there is one scene, and the scan is coarser.
 
-    Example: python -m benchmarks.latency aluminium-3mm --quick
+    Example: python -m benchmarks.latency --quick
     """
-    scenes: Sequence[Named] = SCENES[:1] if quick else SCENES
-    if scene is not None or settings:
-        source = scene or DEFAULT
-        resolved = scene_from(source, settings, None)
-        scenes = (Named(resolved.scene.name, source, tuple(settings or ()), "impact"),)
-        if resolved.scene.controller.law not in (*LAWS, "off", *(laws or [])):
-            laws = [resolved.scene.controller.law, *(laws or [])]
-    try:
-        for law in laws or []:
-            check_law((scenes[0].scene()).vary({"controller.law": law}))
-    except SceneError as error:
-        fail(str(error), 2)
-    study = Study(scenes, tuple(laws or ()), quick)
-    with results_in(folder, "latency", "modal", json_file=json_file) as results:
+    scenes = SCENES[:1] if quick else SCENES
+    with results_in(folder, "latency", "modal") as results:
+        pairs = tracked("critical values", product(scenes, LAWS))
         with local_pool() as pool:
-            found = run(results, study, pool)
-        for name in dict.fromkeys(c.scene for c in found):
-            title = f"{name}: latency and bits that each law tolerates"
+            found = [critical(pool, named, law, 20 if quick else 40) for named, law in pairs]
+        results.write("latency-critical", found)
+        for named in scenes:
+            title = f"{named.name}: latency and bits that each law tolerates"
             caption = "in brackets: least to most over touch phases"
-            mine = [c for c in found if c.scene == name]
+            mine = [c for c in found if c.scene == named.name]
             results.table(title, _COLUMNS, mine, caption=caption)
-        best = list(best_laws(found))
-        keys = ("scene", "law", "survives_us", "more_than_two_points_us")
-        results.add(critical=[vars(c) for c in found])
-        results.add(best=[dict(zip(keys, row, strict=True)) for row in best])
         parts = [
             f"in {name} {law} tolerates most latency, {survives:.0f} us, {buys:.0f} us more than "
             "slope_threshold"
-            for name, law, survives, buys in best
+            for name, law, survives, buys in best_laws(found)
         ]
         results.conclude("; ".join(parts).capitalize() + ".")
 

@@ -10,7 +10,6 @@ the plate has, that it lost and that the damper took, over all energy brought.
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +36,6 @@ from hertzloop.plant.time_series import XI
 from hertzloop.scene import setup as scenes
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.pages import pictures
 
 _TURN = 0.2  # of the highest mode in a step of the reference
 _PARTS = 20  # of a step, at least, in the reference
@@ -205,21 +203,6 @@ def outcomes(number: int, random: np.random.Generator) -> list[Outcome]:
     ]
 
 
-def draw(path: Path, found: list[Outcome]) -> None:
-    """How many scenes have which error over request, and which energy residual."""
-    picture, axes = pictures.sheet(1, 2, width=11.0, height=3.8)
-    bins = np.linspace(-9.0, 1.0, 41)
-    for i, contact in enumerate(_CONTACTS):
-        mine = [o.error / o.request for o in found if o.contact == contact]
-        axes[0, 0].hist(np.log10(mine), bins, histtype="step", label=contact, color=f"C{i}")
-    axes[0, 0].set(xlabel="log10(error / requested)", ylabel="scenes", title="Against Runge-Kutta")
-    axes[0, 0].legend()
-    residuals = [max(abs(o.energy_residual), 1e-18) for o in found]
-    axes[0, 1].hist(np.log10(residuals), 40)
-    axes[0, 1].set(xlabel="log10(energy residual)", ylabel="scenes", title="Closed loop")
-    pictures.save(picture, path)
-
-
 def shipped_residuals() -> list[tuple[str, float, float, int, int]]:
     """Name, energy and momentum residual, contact steps and fallbacks of the shipped scenes."""
     found = []
@@ -246,7 +229,6 @@ def main(
         named = shipped_residuals()
         found = drawn(4 if quick else scenes, seed, outcomes)
         results.write("random_impacts", found)
-        draw(results.path("random_impacts.png"), found)
         columns: Columns = {
             "scene": "{[0]}",
             "energy": "{[1]:.1e}",

@@ -6,7 +6,7 @@ with bits and noise; both over the phases of the touch. The line's latency is va
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,6 @@ from benchmarks.latency import (
 )
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Columns, Results, results_in
-from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail, out
 from hertzloop.results.touch_phases import Spread, spread_of
 from hertzloop.scene.setup import Setup
@@ -258,11 +257,7 @@ _COLUMNS: Columns = {
 _HELP_DB = 0.1  # less is no help
 
 
-def main(
-    folder: OutDirOption = None,
-    quick: QuickOption = False,
-    json_file: JsonOption = None,
-) -> None:
+def main(folder: OutDirOption = None, quick: QuickOption = False) -> None:
     """Compare every law in the ideal plant and in a realistic plant.
 
     In the real plant the contact yields, the plate has a thickness, and actuator and sensor have
@@ -272,7 +267,7 @@ def main(
     """
     known = [named.name for named in SCENES]
     names = known[:2] if quick else known
-    with results_in(folder, "real_plant", "modal", json_file=json_file) as results:
+    with results_in(folder, "real_plant", "modal") as results:
         try:
             found = run(names)
         except WorkersLost as error:
@@ -287,7 +282,6 @@ def main(
             f"real: {changed}, and {noise}; without contact.plasticity where the "
             "scene's contact has a damper"
         )
-        results.add(effects=[asdict(e) for e in found], real=REAL)
         real = [e for e in found if e.plant == "real"]
         helps = sum(e.takes_off(LATENCIES_US[-1], _HELP_DB) for e in real)
         results.conclude(

@@ -1,14 +1,14 @@
-"""What a program writes: tables on the terminal, CSV files, pictures, JSON, and its conclusion."""
+"""What a program writes: tables on the terminal, CSV files, pictures, and its conclusion."""
 
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, astuple, fields
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
 from benchmarks.scenes import load
-from hertzloop.cli.outputs import check_json, make_folder, write_json
+from hertzloop.cli.outputs import make_folder
 from hertzloop.cli.prepare import compile_first
 from hertzloop.cli.terminal import fail, out
 from hertzloop.common.optional_dependencies import need
@@ -30,11 +30,9 @@ class Results:
         folder: folder that takes the files.
     """
 
-    def __init__(self, folder: Path, json_file: Path | None) -> None:
+    def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._json_file = json_file
         self._files: list[str] = []
-        self._data: dict[str, Any] = {}
 
     def path(self, name: str) -> Path:
         """Where to write the file of a name, such as "stability.png"; it is listed at the end."""
@@ -46,16 +44,11 @@ class Results:
         write_rows(self.path(f"{name}.csv"), header, map(list, rows))
 
     def write(self, name: str, records: Sequence[Any]) -> None:
-        """Write instances of one dataclass, at least one, to NAME.csv and under NAME to --json.
+        """Write instances of one dataclass, at least one, to NAME.csv.
 
         A record is a line; the fields are the columns.
         """
         self.write_rows(name, [field.name for field in fields(records[0])], map(astuple, records))
-        self._data[name] = [asdict(record) for record in records]
-
-    def add(self, **data: Any) -> None:
-        """Write more into --json."""
-        self._data |= data
 
     def table(
         self, title: str, columns: Columns, rows: Iterable[Any], text: int = 1, caption: str = ""
@@ -82,35 +75,30 @@ class Results:
         out.print(table)
 
     def conclude(self, sentence: str) -> None:
-        """Print which files were written and the conclusion, and write --json."""
+        """Print which files were written and the conclusion."""
         out.say(f"written: {self.folder}/{', '.join(self._files)}")
         out.say(sentence)
         sys.stdout.flush()
-        write_json(self._json_file, self._data)
 
 
 @contextmanager
-def results_in(
-    folder: Path | None, program: str, *schemes: str, json_file: Path | None = None
-) -> Iterator[Results]:
+def results_in(folder: Path | None, program: str, *schemes: str) -> Iterator[Results]:
     """Make the folder for results, compile the kernels of `schemes`, and report a full disk.
 
     Args:
         folder: the folder that the user named, or None for one named `program`.
         program: name of the program.
         schemes: names of schemes whose kernels are compiled before anything is measured.
-        json_file: the file of --json, if there is one.
 
     Yields:
         The results, whose folder exists.
     """
-    check_json(json_file)
     folder = folder or Path(program)
     need("matplotlib")
     make_folder(folder)
     for scheme in schemes:
         compile_first(load(_OF_SCHEME.get(scheme, DEFAULT), [f"run.scheme={scheme}"]))
     try:
-        yield Results(folder, json_file)
+        yield Results(folder)
     except OSError as error:
         fail(f"cannot write to the folder {folder}: {error.strerror}", 1)

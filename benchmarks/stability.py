@@ -1,7 +1,7 @@
-"""Where methods fail: blow up, lose the energy, or let the actuator feed energy without bound.
+"""Where methods fail: blow up, or lose the energy.
 
 Limits of free vibration (`stability_limits`), energy over stiffness, mass, plate speed and loss
-factor (`stability_maps`), and the closed loop over gain and latency (`stability_loop`).
+factor (`stability_maps`).
 """
 
 import math
@@ -11,7 +11,6 @@ from benchmarks.before_after import BeforeOption, draw_stability
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Results, results_in
 from benchmarks.stability_limits import LIMITS, growth
-from benchmarks.stability_loop import LoopPoint, loop_map
 from benchmarks.stability_maps import (
     Outcome,
     contact_drift,
@@ -50,17 +49,15 @@ def run(results: Results, quick: bool) -> tuple[dict[str, str], str]:
     contact = contact_drift(every)
     thesis = list(thesis_contact(every))
     outcomes = {name: measure(every) for name, measure in tracked("stability", _MAPS.items())}
-    loop = list(loop_map(every=every))
     results.write_rows("stability-growth", ("scheme", "omega_h", "growth_per_step"), free)
     results.write("stability-contact", contact)
     columns = ("step", "contact_length", "energy_residual", "momentum_residual")
     results.write_rows("stability-thesis2008", columns, thesis)
     for name, found in outcomes.items():
         results.write(f"stability-{name}", found)
-    results.write("stability-loop", loop)
     draw_limits(results.path("stability.png"), free, contact, thesis)
     draw_energy(results.path("stability-energy.png"), outcomes)
-    metrics = _of_limits(free) | _of_balance(outcomes) | _of_thesis(thesis) | _of_loop(loop)
+    metrics = _of_limits(free) | _of_balance(outcomes) | _of_thesis(thesis)
     return metrics, conclusion(outcomes, thesis)
 
 
@@ -117,23 +114,10 @@ def _of_thesis(thesis: list[tuple[float, float, float, float]]) -> dict[str, str
     }
 
 
-def _of_loop(loop: list[LoopPoint]) -> dict[str, str]:
-    most = max(loop, key=lambda p: p.injected)
-    own = [p for p in loop if p.injected > 1.0]
-    return {
-        "most energy fed in by the actuator, of the impact's": (
-            f"{most.injected:.2f} at kappa {most.kappa:g}, latency {most.latency_us:g} us"
-        ),
-        "the actuator feeds in more than the impact brought from kappa =": (
-            f"{min(p.kappa for p in own):g}" if own else "none of those tried"
-        ),
-    }
-
-
 def main(
     folder: OutDirOption = None, quick: QuickOption = False, before: BeforeOption = None
 ) -> None:
-    """Find where each scheme and the closed loop blow up or lose their energy balance.
+    """Find where each scheme blows up or loses its energy balance.
 
     Example: python -m benchmarks.stability --quick
     """

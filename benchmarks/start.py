@@ -23,7 +23,6 @@ from benchmarks.program import (
 )
 from benchmarks.results import results_in
 from benchmarks.scenes import FOLDER
-from hertzloop.cli.options import JsonOption
 from hertzloop.cli.terminal import fail
 
 _NAME = "aluminium-3mm"
@@ -108,13 +107,12 @@ def main(
     rounds: RoundsOption = 7,
     quick: QuickOption = False,
     before: BeforeOption = None,
-    json_file: JsonOption = None,
 ) -> None:
     """Measure what one run costs, from the command to its last line, with start and end of Python.
 
     Example: python -m benchmarks.start --quick
     """
-    with results_in(folder, "start", json_file=json_file) as results:
+    with results_in(folder, "start") as results:
         try:
             rows = measure(1 if quick else rounds, before)
         except subprocess.CalledProcessError as error:

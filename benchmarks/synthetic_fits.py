@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -191,7 +191,6 @@ def report(results: Results, program: str, found: Sequence[Summary]) -> None:
     ]
     headings = ("problem", "key", "held", "of", "rms error %", "half-width %", "class told", "s")
     results.write_rows(program, headings, rows)
-    results.add(problems=[asdict(s) for s in found])
     formats = [f"{{[{i}]{':.3g}' if i in (4, 5, 7) else '}'}" for i in range(len(headings))]
     columns = dict(zip(headings, formats, strict=True))
     results.table("fits of synthetic records", columns, rows, text=2)

@@ -1,33 +1,29 @@
-"""Published tables, computed again: rows of figures in the format of the study's tables.
+"""Published tables, computed again.
 
 Every figure compares the first impact with the active force to the same without it. A row is
-a slope-threshold row if it has `v_thr_m_s`, else a row of the parameter study with `force` or
-`shape`, and `t_a_step`. Columns that are no figures are copied.
+a slope-threshold row if it has `v_thr_m_s`, else a row of the parameter study with `force` and
+`t_a_step`. Columns that are no figures are copied.
 """
 
 import csv
 import math
 import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import typer
-from pydantic import BaseModel, FiniteFloat, PositiveInt, ValidationError
 
 from benchmarks.program import OutDirOption, QuickOption, start, tracked
 from benchmarks.results import Results, results_in
 from benchmarks.scenes import load
-from hertzloop.cli.options import JsonOption
-from hertzloop.cli.terminal import fail, out
-from hertzloop.controller.laws.precomputed import SHAPES
+from hertzloop.cli.terminal import out
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.noise import ImpactNoise, holmes_j, peak_pressure_pa
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.results.impacts import first_impact
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 
 # Figures in the order of the tables, and how they compare two impacts.
@@ -48,7 +44,6 @@ WITH_MAIDANIK = FIGURES | {
     "Erad": lambda a, b: _db(10.0, a.radiated_maidanik_j, b.radiated_maidanik_j)
 }
 UNITS = {"reb": "%", "vnext": "points", "dT": "1e-5 s"}  # others: dB
-_MATERIALS = {"aluminium": "aluminium", "oak": "oak", "sylomer_m": "sylomer", "sylomer": "sylomer"}
 _SHORTEST_STEPS, _LONGEST_STEPS = 1 << 12, 1 << 15  # published scheme: work grows as the square
 _US_PER_STEP = 1.0
 # On aluminium no constant gives restitution 0.7: at 9.4116 N s/m it jumps from 0.702 to 0.693,
@@ -56,10 +51,6 @@ _US_PER_STEP = 1.0
 # side below (the scene's 9.41) and count two steps more than the steps in contact; the
 # parameter study fits the side above and counts one more. Both say 35 without control.
 _DAMPED_SIDE_N_S_M = 9.412
-
-
-class RowError(ValueError):
-    """A row cannot be computed; the sentence names the row, the column and what would do."""
 
 
 @dataclass(frozen=True)
@@ -89,50 +80,23 @@ def _db(factor: float, value: float, reference: float) -> float:
     return factor * math.log10(ratio) if ratio > 0.0 else -math.inf
 
 
-class _Cells(BaseModel):
-    """The cells of a row that say what to compute; empty ones are left out."""
-
-    material: Literal["aluminium", "oak", "sylomer_m", "sylomer"] = "aluminium"
-    drop_height_m: FiniteFloat = 0.05
-    kappa: FiniteFloat
-    v_thr_m_s: FiniteFloat | None = None
-    force: str | None = None
-    shape: str | None = None
-    t_a_step: PositiveInt = 1
-
-    def settings(self) -> tuple[str, ...]:
-        """Of the controller, as for --set. Raises ValueError for a row without a law."""
-        kappa = f"controller.kappa={self.kappa!r}"
-        if self.v_thr_m_s is not None:
-            threshold = f"controller.v_thr_m_s={self.v_thr_m_s!r}"
-            return kappa, "controller.law=slope_threshold", threshold
-        of_shape = {shape: name for name, shape in reversed(SHAPES.items())}
-        force = of_shape.get(self.shape, self.shape) if self.shape else self.force
-        if force is None:
-            raise ValueError("needs v_thr_m_s, force or shape")
-        if force not in SHAPES:
-            raise ValueError(f"{force}: must be one of {', '.join([*SHAPES, *of_shape])}")
-        delay = f"controller.delay_us={_US_PER_STEP * (self.t_a_step - 1)!r}"
-        return kappa, "controller.law=precomputed", f"controller.precomputed={force}", delay
-
-
-def parse_row(cells: dict[str, str], number: int) -> Row:
-    """Read a row (counted from 1). Raises RowError."""
-    try:
-        found = _Cells.model_validate({key: text for key, text in cells.items() if text.strip()})
-        settings = found.settings()
-    except ValidationError as error:
-        [column, *_], message = error.errors()[0]["loc"], error.errors()[0]["msg"]
-        value = cells.get(str(column), "")
-        raise RowError(f"row {number}: {column} = '{value}': {message}") from error
-    except ValueError as error:
-        raise RowError(f"row {number}: {error}") from error
-    return Row(found.material, found.drop_height_m, settings, found.v_thr_m_s is None)
+def parse_row(cells: Mapping[str, str]) -> Row:
+    """The row of cells."""
+    kappa = f"controller.kappa={cells['kappa']}"
+    law: tuple[str, ...]
+    if threshold := cells.get("v_thr_m_s"):
+        law = (kappa, "controller.law=slope_threshold", f"controller.v_thr_m_s={threshold}")
+    else:
+        force = f"controller.precomputed={cells['force']}"
+        delay = f"controller.delay_us={_US_PER_STEP * (int(cells['t_a_step']) - 1)!r}"
+        law = (kappa, "controller.law=precomputed", force, delay)
+    material = cells.get("material", "aluminium").removesuffix("_m")
+    return Row(material, float(cells.get("drop_height_m", 0.05)), law, not threshold)
 
 
 def scene_of(row: Row, scheme: str, settings: Iterable[str] = ()) -> Setup:
     """Scene of a row under a scheme. Raises SceneError."""
-    name = _MATERIALS[row.material]
+    name = row.material
     published = not SCHEMES[scheme].conserves
     source = f"thesis-{name}" if published else f"{name}-20mm"
     keys = [f"sphere.drop_height_m={row.drop_height_m!r}", *row.settings, *settings]
@@ -182,47 +146,26 @@ def compute(
 
 
 def read_rows(path: Path) -> list[dict[str, str]]:
-    """Rows of a table. Raises RowError."""
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RowError(f"cannot read {path}: {error}") from error
-    for number, row in enumerate(rows, 1):
-        if None in row or None in row.values():
-            raise RowError(f"{path}: row {number} does not have {len(rows[0])} cells")
-    return rows
+    """Rows of a table."""
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
 
 
 def compute_table(
     rows: Iterable[dict[str, str]], scheme: str, figures: Mapping[str, Compare] = FIGURES
 ) -> Iterator[dict[str, str]]:
     """The rows with X_computed and X_difference after every figure X, empty where a contact does
-    not end. Figures that the table does not have are added as X_computed. Raises RowError."""
-    for number, row in enumerate(rows, 1):
-        wanted = parse_row(row, number)
-        try:
-            computed = compute(wanted, scheme, figures)
-        except SceneError as error:
-            raise RowError(f"row {number}: {error}") from error
-        yield beside(row, computed, number)
-
-
-def beside(
-    row: dict[str, str], computed: Mapping[str, float | None], number: int
-) -> dict[str, str]:
-    """Row `number` with its computed figures, as `compute_table` yields it. Raises RowError."""
-    cells = {}
-    for column, published in row.items():
-        cells[column] = published
-        if column in computed:
-            value = computed[column]
-            try:
-                off = "" if value is None or not published else value - float(published)
-            except ValueError as error:
-                raise RowError(f"row {number}: {column}: {error}") from error
-            cells |= {f"{column}_computed": _cell(value), f"{column}_difference": _cell(off)}
-    return cells | {f"{c}_computed": _cell(v) for c, v in computed.items() if c not in row}
+    not end. Figures that the table does not have are added as X_computed."""
+    for row in rows:
+        computed = compute(parse_row(row), scheme, figures)
+        cells = {}
+        for column, published in row.items():
+            cells[column] = published
+            if column in computed:
+                value = computed[column]
+                off = "" if value is None else value - float(published)
+                cells |= {f"{column}_computed": _cell(value), f"{column}_difference": _cell(off)}
+        yield cells | {f"{c}_computed": _cell(v) for c, v in computed.items() if c not in row}
 
 
 def _cell(value: float | str | None) -> str:
@@ -275,21 +218,12 @@ _QUICK_ROWS = 5  # of each file
 
 
 def main(
-    rows_files: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="ROWS.csv",
-            help="Rows to compute; the shipped parameter study and slope threshold by default.",
-            show_default=False,
-        ),
-    ] = None,
     folder: OutDirOption = None,
     scheme: SchemeOption = "thesis2008",
     maidanik: Annotated[
         bool, typer.Option("--maidanik", help="Compute Erad by eq. 3.13, not by the study's 3.12.")
     ] = False,
     quick: QuickOption = False,
-    json_file: JsonOption = None,
 ) -> None:
     """Compute every row of the published tables again, beside the published values.
 
@@ -297,32 +231,21 @@ def main(
 
     Example: python -m paper.tables --quick
     """
-    files = rows_files or list(SHIPPED)
-    stems = [path.stem for path in files]
-    if twice := [stem for stem in stems if stems.count(stem) > 1]:
-        fail(f"ROWS.csv = {twice[0]}.csv: named twice. Give files of different names", 2)
     figures = WITH_MAIDANIK if maidanik else FIGURES
     every: list[dict[str, str]] = []
-    tables = []
-    with results_in(folder, "tables", scheme, json_file=json_file) as results:
-        for path in files:
-            try:
-                rows = read_rows(path)[: _QUICK_ROWS if quick else None]
-                computed = list(tracked(path.name, compute_table(rows, scheme, figures)))
-            except RowError as error:
-                fail(f"{path}: {error}", 2)
+    with results_in(folder, "tables", scheme) as results:
+        for path in SHIPPED:
+            rows = read_rows(path)[: _QUICK_ROWS if quick else None]
+            computed = list(tracked(path.name, compute_table(rows, scheme, figures)))
             cells = (row.values() for row in computed)
             results.write_rows(f"{path.stem}-computed", list(computed[0]), cells)
-            tables.append(_report(results, path, scheme, computed))
+            _report(results, path, scheme, computed)
             every += computed
-        results.add(scheme=scheme, tables=tables)
         results.conclude(_conclusion(scheme, agreement(every), len(every)))
 
 
-def _report(
-    results: Results, path: Path, scheme: str, rows: list[dict[str, str]]
-) -> dict[str, Any]:
-    """Print the agreement of one file's computed rows with the published ones; returns it."""
+def _report(results: Results, path: Path, scheme: str, rows: list[dict[str, str]]) -> None:
+    """Print the agreement of one file's computed rows with the published ones."""
     found, close = agreement(rows), shares(rows)
     endless = sum(not row["dT_computed"] for row in rows)
     results.table(
@@ -340,22 +263,11 @@ def _report(
         out.print(f"{what}: {100.0 * value:.0f} % of the rows")
     if endless:
         out.print(f"{endless} of {len(rows)} contacts do not end; their cells are empty")
-    agreed = [asdict(one) for one in found]
-    return {
-        "file": str(path),
-        "rows": len(rows),
-        "endless": endless,
-        "shares": close,
-        "agreement": agreed,
-    }
 
 
 def _conclusion(scheme: str, found: list[Agreement], rows: int) -> str:
     """How close the computed rows come to the published ones, in one sentence."""
-    in_db = [one for one in found if one.column not in UNITS]
-    if not in_db:
-        return f"{rows} rows are computed by {scheme}; none has a published level to compare with."
-    worst = max(in_db, key=lambda one: one.median)
+    worst = max((one for one in found if one.column not in UNITS), key=lambda one: one.median)
     return (
         f"Over {rows} rows, {scheme} differs from the published levels by a median of "
         f"{worst.median:.2f} dB or less, the largest being that of {worst.column}."

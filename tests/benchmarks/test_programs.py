@@ -2,7 +2,6 @@
 
 import csv
 import importlib
-import json
 import os
 import re
 import shutil
@@ -22,10 +21,8 @@ CONCLUSIONS = {
     "benchmarks.first_run": r"The kernels of the default scene are \d+ functions, which take",
     "benchmarks.fit_coverage": r"The 95 % intervals hold the true value in [\d.]+ % \(\d+ of 4\)",
     "benchmarks.fit_discrepancy": r"The 95 % intervals hold \d+ % \(\d of 3\) of the true values",
-    "benchmarks.fit_validation": r"The coefficient of restitution is within [\d.e-]+ of Zener's",
     "benchmarks.held_force": r"The error of the first impact is as expected",
     "benchmarks.infinite_plate": r"The infinite plate is offered in \d+ of 12 requests",
-    "benchmarks.jitter_cost": r"The costs differ by [\d.]+e[+-]\d+ at most",
     "benchmarks.jitter_margin": r"In 0 of 21 loops a latency below the jitter margin is unstable",
     "benchmarks.latency": r"In aluminium-3mm \w+ tolerates most latency, \d+ us, \d+ us more than",
     "benchmarks.margin": r"The linear margin agrees in \d+ of \d+ comparisons and differs in 0;",
@@ -33,17 +30,11 @@ CONCLUSIONS = {
     "benchmarks.pictures": r"A picture takes \d+ s at most",
     "benchmarks.random_impacts": r"4 of 4 random impacts agree with Runge-Kutta within the req",
     "benchmarks.real_plant": r"In the real plant \d+ of \d+ laws take energy off the plate",
-    "benchmarks.replay": r"A recording of 1,600 steps becomes an \.rrd file of [\d.]+ MB",
     "benchmarks.speed_accuracy": r"At an error of 0\.001 the default scheme is [\d.]+ times",
     "benchmarks.start": r"A run of aluminium-3mm takes [\d.]+ s of processor time compiled",
     "benchmarks.stability": r"At steps of 0\.01 to 100 contact times the energy residual",
     "benchmarks.steps": r"A step takes [\d.]+ us at most with one point, and [\d.]+ us with three",
     "benchmarks.validity_map": r"The effect above 0\.1 % in most of the map is: [a-z ]+",
-    "paper.calibrate": r"A viscous damper of [\d.]+ N s/m gives thesis-aluminium",
-    "paper.equations": r"For the contact time of aluminium-3mm, .* is 11\.5 times",
-    "paper.figures": r"The first contact on aluminium lasts 35 us in the published scheme",
-    "paper.optima": r"The force that the published numerics find best for the plate energy ranks",
-    "paper.table_a1": r"The reading 'flat' comes closest to table A\.1",
     "paper.tables": r"Over 10 rows, thesis2008 differs from the published levels by a median",
     "paper.weaknesses": r"The contact impulse of the published scheme is at most [\d.]+ %",
 }
@@ -92,15 +83,6 @@ def test_a_program_runs_quickly(name, tmp_path):
         assert len(rows) > 1, path
         assert len({len(row) for row in rows}) == 1, path
     assert f"{tmp_path / 'made'}/" in done.stdout  # what was written
-
-
-@pytest.mark.full
-def test_json_goes_to_standard_output_alone(tmp_path):
-    done = program("paper.calibrate", "--quick", "-o", str(tmp_path / "made"), "--json", "-")
-    assert done.returncode == 0, done.stderr
-    data = json.loads(done.stdout)
-    assert data["viscous_n_s_m"] == pytest.approx(9.412, abs=0.002)
-    assert done.stderr.splitlines()[-1].startswith("A viscous damper of 9.41")
 
 
 @pytest.mark.parametrize("name", CONCLUSIONS)

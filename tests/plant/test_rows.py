@@ -1,14 +1,11 @@
 """Compiled passes over rows, beside the same in plain NumPy."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hertzloop.plant.metrics import truth_kernels as rows
-from hertzloop.plant.metrics.impacts import contacts, peak_force_n, peak_speed_m_s
+from hertzloop.plant.metrics.impacts import contacts
 from hertzloop.plant.metrics.noise import force_spectrum
 
 STEP_S = 1e-6
@@ -20,14 +17,6 @@ def test_contacts_are_what_is_not_zero(touching):
     edges = np.flatnonzero(np.diff(np.concatenate([[False], touching]).astype(int)))
     assert starts == edges[::2].tolist()
     assert ends == edges[1::2].tolist()
-
-
-@pytest.mark.parametrize("zeros", [(0, 0), (5, 0), (0, 7), (3, 4)])
-def test_ends_of_what_is_not_zero(zeros):
-    inside = [1.0, 0.0, math.nan]
-    values = np.array([0.0] * zeros[0] + inside + [0.0] * zeros[1])
-    assert rows.nonzero(values) == (zeros[0], zeros[0] + 3)
-    assert rows.nonzero(np.zeros(sum(zeros))) == (0, 0)
 
 
 @pytest.mark.parametrize(
@@ -47,13 +36,3 @@ def test_a_spectrum_is_the_sum_over_all_steps(first, steps, frequencies):
     tilted = -1j * STEP_S * np.exp(-1j * a) * (np.sin(a) - a * np.cos(a)) / a**2
     expected = held * (turned @ force) + tilted * (turned @ slope)
     assert np.max(np.abs(found - expected)) < 1e-12 * STEP_S * steps
-
-
-def test_sizes_where_one_is_no_number():
-    odd = np.array([1.0, -5.0, math.nan, 2.0])
-    assert rows.fastest(odd) == 2
-    assert math.isnan(rows.largest(odd))
-    assert math.isnan(peak_speed_m_s(odd))
-    assert math.isnan(peak_force_n(odd, np.ones(4)))
-    assert rows.largest(odd[:2]) == 5.0
-    assert rows.largest(odd[:0]) == 0.0

@@ -11,12 +11,10 @@ from hertzloop.bus import codec
 from hertzloop.bus.messages_pb2 import ControllerReport, EventKind, RunEnd, TruthBlock
 from hertzloop.recordings.recording import Event, EventData, Recording, SampledStream
 from hertzloop.recordings.replay import decimation, live, scene3d, spectrum
-from hertzloop.recordings.replay.contacts import contact_spans
-from hertzloop.recordings.replay.decimation import decimated, enough, full_rate_spans
+from hertzloop.recordings.replay.decimation import decimated, enough
 from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.recordings.replay.law_states import law_states
-from hertzloop.recordings.replay.moments import moments
-from hertzloop.recordings.replay.plots import LATE, plots
+from hertzloop.recordings.replay.plots import plots
 
 # Thinning and spans
 
@@ -37,25 +35,6 @@ def test_a_curve_of_fewer_samples_keeps_within_its_error(count, held):
     assert abs(shown - values).max() <= 1e-2 * (1 + 1e-9)
     if count == 1000:
         assert len(kept) < (800 if held else 200)
-
-
-def test_contacts_are_found_up_to_both_ends():
-    xi = np.array([-1.0, 0.0, -1.0, -1.0, 1.0, -1.0])
-    assert contact_spans(xi) == [(0, 1), (2, 4), (5, 6)]
-    assert contact_spans(np.ones(3)) == []
-    assert contact_spans(np.empty(0)) == []
-
-
-def test_a_short_run_is_shown_at_full_rate_a_long_one_around_contacts():
-    assert full_rate_spans([(10, 20)], 1000) == [(0, 1000)]
-    assert full_rate_spans([], 1_000_000) == []
-    contacts = [(1000, 1030), (30_000, 30_030), (900_000, 900_030)]
-    spans = full_rate_spans(contacts, 1_000_000)
-    assert np.all(np.diff(np.ravel(spans)) >= 0)
-    assert all(any(a <= s and e <= b for a, b in spans) for s, e in contacts)
-    # However long the contacts are.
-    spans = full_rate_spans([(0, 400_000), (500_000, 900_000)], 1_000_000)
-    assert sum(b - a for a, b in spans) == decimation.FULL_RATE_SAMPLES
 
 
 def test_a_decimated_line_has_every_sample_around_contacts_and_every_extreme():
@@ -119,16 +98,6 @@ def test_what_was_measured_is_plotted_where_it_belongs(quantity, plot, factor):
     assert not any(c.faint for p in plots(recording, []) for c in p.curves)
 
 
-def test_the_first_contact_is_in_the_zoom_of_a_run_that_ends_in_it():
-    run_ns = (0, 19_999_000)
-    when = moments(run_ns, (1_000_000, 20_000_000), 1000)
-    assert when.still_ns - when.zoom_ns[0] < 1_000_000 < when.still_ns <= run_ns[1]
-    assert when.still_ns + when.zoom_ns[1] <= run_ns[1]
-    exploding = moments(run_ns, (1_000_000, 3_000_000), 1000, 4_000_000)
-    assert exploding.still_ns + exploding.zoom_ns[1] <= 4_001_000
-    assert exploding.selection_ns[1] <= 4_000_000
-
-
 # What is handed to the viewer
 
 STEP_S = 1e-6
@@ -189,12 +158,6 @@ def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit():
 def truth_of_zeros(count: int, **more: np.ndarray) -> SampledStream:
     arrays = {name: np.zeros(count) for name in FIELDS}
     return SampledStream(1, step_ns=1000, arrays=arrays | more)
-
-
-@pytest.mark.parametrize("more", [{}, {LATE[2]: np.ones(4)}])
-def test_a_run_without_late_forces_has_no_plot_of_them(more):
-    recording = Recording(Path("a"), truth=truth_of_zeros(4, **more))
-    assert ("late" in {plot.key for plot in plots(recording, [])}) == bool(more)
 
 
 def test_the_actuators_force_is_an_arrow_to_scale_at_its_point():
