@@ -14,7 +14,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -29,6 +29,8 @@ from hertzloop.bus.streams import CONTROLLER, StreamFault
 from hertzloop.processes.program import Program
 from hertzloop.processes.signals import INTERRUPTED, end_with_parent, install_handlers
 from hertzloop.recordings.writer import RecordingError
+
+_NEAR_S = 1.0  # a process was stopped at a fault if it was seen so at most this time from it
 
 # What roles need. Imported before they are forked.
 MODULES = [
@@ -69,6 +71,7 @@ class ChildProcess:
         fault: Why it has ended, as it says.
         done: Its result, once it has done its part.
         code: Its exit code, once it has ended; negative for a signal.
+        stopped_s: When the launcher has seen it stopped, by the clock of the faults.
     """
 
     role: str
@@ -79,6 +82,18 @@ class ChildProcess:
     fault: RoleFault | None = None
     done: dict[str, Any] = field(default_factory=dict)
     code: int | None = None
+    stopped_s: list[float] = field(default_factory=list)
+
+    def note_if_stopped(self) -> None:
+        """Note when a signal has stopped it, where the system has /proc."""
+        with suppress(OSError):
+            stat = Path(f"/proc/{self.process.pid}/stat").read_bytes()
+            if stat.rpartition(b")")[2].split()[0] == b"T":
+                self.stopped_s.append(time.monotonic())
+
+    def was_stopped_at(self, fault: RoleFault) -> bool:
+        """Whether it was stopped when another one noticed a fault."""
+        return any(abs(seen_s - fault.at_s) < _NEAR_S for seen_s in self.stopped_s)
 
     @property
     def failed(self) -> bool:
@@ -114,8 +129,8 @@ def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
     A process that failed for a reason of its own explains it: one that was killed, then the first
     that reports a fault. For example, if the controller is killed and plant and recorder report
     that they lost it, the cause is "controller was killed by SIGKILL". If no process has a reason
-    of its own, a role that still runs hangs, and the first one that missed it explains the failure;
-    if none runs, the first one that missed another does.
+    of its own, the first one that missed another explains the failure, with the role that was
+    stopped at that moment, or that still runs: that one hangs.
 
     Args:
         children: The processes of the run.
@@ -137,6 +152,8 @@ def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
     running = {child.role for child in children if child.running}
     missing = [fault for fault in faults if running & {*fault.lost}]
     first = next(iter([*missing, *(fault for fault in faults if fault.lost), *faults]))
+    if stopped := {child.role for child in children if child.was_stopped_at(first)}:
+        return not_responding(stopped, first.sentence, " (stopped by a signal)")
     if hung := running & {*first.lost}:
         hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
         return not_responding(hung, first.sentence, hangs if CONTROLLER in hung else "")

@@ -146,6 +146,7 @@ class Launcher:
         pipes = [(c.reports, c) for c in self.children if c.reports and c.code is None]
         ready = wait([pipe for pipe, _ in pipes], _LOOK_S)
         for pipe, child in pipes:
+            child.note_if_stopped()
             if pipe not in ready:
                 continue
             try:
@@ -165,6 +166,7 @@ class Launcher:
         heard = bool(ready)
         for child in self.children:
             if child.reports is None and child.running:
+                child.note_if_stopped()
                 heard = self._look_at_program(child) or heard
         return heard
 

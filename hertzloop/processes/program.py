@@ -92,6 +92,11 @@ class Program:
         return self._command
 
     @property
+    def pid(self) -> int:
+        """Its number in the system."""
+        return self._process.pid
+
+    @property
     def exitcode(self) -> int | None:
         """Its exit code, negative for a signal; None while it runs."""
         return self._process.poll()

@@ -93,15 +93,8 @@ def wrong_words(fault: Fault, code: int, said: str) -> str:
     words = {
         "kill": [f"{fault.victim} was killed by {name}"],
         "crash": [f"{fault.victim} was killed by {name}"],
-        "stop": [f"{fault.victim} does not respond"],
-        # Awake again, it says that it lost the others, or hears that they lost it.
-        "long pause": [
-            f"{fault.victim} does not respond",
-            f"from {fault.victim}:",
-            f"from the {fault.victim}:",
-            f"{fault.victim} or an observer accepted no message",
-            f"{fault.victim} left the run",
-        ],
+        "stop": [f"{fault.victim} does not respond (stopped by a signal)"],
+        "long pause": [f"{fault.victim} does not respond (stopped by a signal)"],
         "terminate": [f"{fault.victim} was interrupted", f"killed by {name}"],
         "interrupt": [f"{fault.victim} was interrupted"],
     }[fault.how]

@@ -1,9 +1,13 @@
 """A short series of faults in runs, and what judges them; long ones: see `tests.faults.runs`."""
 
+import os
+import signal
 import tempfile
+import time
 from multiprocessing import Process
 from pathlib import Path
 
+import psutil
 import pytest
 
 from hertzloop.processes import child_process
@@ -15,6 +19,7 @@ from tests.faults.inflict import (
     inflict,
     wrong_words,
 )
+from tests.hertzloop.commands import wait_for
 from tests.tiers import default
 
 FAULTS = [
@@ -30,6 +35,8 @@ FAULTS = [
     # The recorder's last block is older than the controller's wait, which knows the cause.
     Fault("plant", "long pause", "lane", False, 0.235, 6.2),
     Fault("recorder", "long pause", "no lane", False, 0.0, 6.2),
+    # It is awake again when the launcher hears of the fault.
+    Fault("controller", "long pause", "no lane", False, 0.3, 8.0),
 ]
 
 
@@ -58,8 +65,8 @@ def test_faults(fault):
             "controller",
             "long pause",
             1,
-            "plant waited 4 s for the force from the controller: nothing came",
-            "",
+            "controller or recorder or an observer accepted no message for 4 s",
+            "another cause",
         ),
         (LAUNCHER, "terminate", -15, "", "exit code -15"),
     ],
@@ -105,3 +112,27 @@ def test_a_role_that_does_not_react_hangs():
     assert cause(blocked, told, running=("recorder",)) == said
     misses = ended("controller", "nothing from the plant", "plant", at_s=-1.0)
     assert cause(blocked, misses, running=("recorder",)) == said
+
+
+def test_a_role_that_was_stopped_is_named_though_it_goes_on():
+    process = Process(target=time.sleep, args=[100.0])
+    process.start()
+    controller = ChildProcess("controller", process, Path("none"))
+    try:
+        controller.note_if_stopped()
+        assert not controller.stopped_s
+        os.kill(process.pid, signal.SIGSTOP)
+        wait_for(lambda: psutil.Process(process.pid).status() == psutil.STATUS_STOPPED)
+        controller.note_if_stopped()
+        at_s = time.monotonic()
+    finally:
+        process.kill()
+        process.join()
+    controller.fault, controller.code = child_process.RoleFault("the plant left", True), 1
+    said = "controller or recorder accepted no message"
+    before = ended("plant", said, "controller", "recorder", at_s=at_s - 10.0)
+    assert cause(before, controller) == said
+    at_once = ended("plant", said, "controller", "recorder", at_s=at_s)
+    assert (
+        cause(at_once, controller) == f"controller does not respond (stopped by a signal); {said}"
+    )
