@@ -21,14 +21,14 @@ def url(port: int) -> str:
     return f"tcp/127.0.0.1:{port}"
 
 
-def stranger(endpoint: str) -> zenoh.Session:
-    """A session that reaches one endpoint alone: peers do not relay."""
+def stranger(*endpoints: str) -> zenoh.Session:
+    """A session that reaches these endpoints alone: peers do not relay."""
     config = zenoh.Config()
     for key, value in {
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "listen/endpoints": [],
-        "connect/endpoints": [endpoint],
+        "connect/endpoints": list(endpoints),
     }.items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)
