@@ -283,12 +283,12 @@ def attacked(attack: Attack, reference: Recording, folder: Path) -> Outcome:
             roles[role] = process
         if attack.who == STRANGER:
             stranger = Stranger(bus, random.Random(str(attack)), stack)
-            ends = [process.poll for process in roles.values()]
+            wait_for(lambda: _is_over(roles) or grown_to(recording, UNDER_WAY)())
             wait_for(
-                lambda: any(end() is not None for end in ends) or grown_to(recording, UNDER_WAY)()
+                lambda: _is_over(roles) or len(stranger.session.info.peers_zid()) == len(ROLES)
             )
             time.sleep(attack.after_s)
-            if any(end() is not None for end in ends):
+            if _is_over(roles):
                 raise NotReached("the run was over")
             DEEDS[attack.how](stranger, attack.stream)
         wrong, said = [], {}
@@ -304,6 +304,10 @@ def attacked(attack: Attack, reference: Recording, folder: Path) -> Outcome:
     return _judged(attack, honest, said, recording, reference, Outcome(False, said, seconds, wrong))
 
 
+def _is_over(roles: dict[str, subprocess.Popen]) -> bool:
+    return any(process.poll() is not None for process in roles.values())
+
+
 def _words(attack: Attack) -> list[str]:
     """Words of which one has to be in a sentence, if the attack ends the run."""
     stream = f"stream '{attack.stream}'"
@@ -311,6 +315,8 @@ def _words(attack: Attack) -> list[str]:
         "lost": [stream, "waited"],
         "other scene": ["scene"],
         "other law": ["law"],
+        "messages": ["is incomplete"],
+        "samples": ["is incomplete"],
         "an end": [f"stream 'end/{STREAMS[attack.stream].publisher}'"],
         "an observer that hangs": ["an observer accepted no message"],
     }.get(attack.how, [stream])
