@@ -1,136 +1,79 @@
-"""The real-time profile of a process of a run: what the system grants of it, and a watchdog.
+"""The real-time profile of a process of a run: its scheduling class and its cores.
 
-The loops of plant and controller get a real-time scheduling class, so that nothing else delays an
-exchange; the recorder works in the usual class, before others, and off the loops' cores where there
-are more. Only what it hears is taken in at once, or the plant would wait for room on the bus. What
-a loop takes it must not keep: one that spins without progress is put back into the usual class.
+The loops of plant and controller get a real-time class, so that nothing else delays an exchange.
+The recorder works in the usual class, before others, and off the loops' cores where there are more.
+Only what it hears is taken in at once, or the plant would wait for room on the bus.
 """
 
-import ctypes
 import gc
 import os
-import resource
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from enum import StrEnum
 from pathlib import Path
+from typing import Literal
 
 from hertzloop.bus.streams import RECORDER
 
-PRIORITY = 50  # of a loop; threads of its bus one above, its watchdog two
+PRIORITY = 50  # of a loop; threads of its bus one above
 _RECORDER_NICE = -10
 _LOOPS = 2  # plant and controller
-_EVERY_S = 0.25
-PATIENCE_S = 1.0  # without progress, at full speed
-_LOCK_ALL_ON_FAULT = 1 | 2 | 4  # MCL_CURRENT, MCL_FUTURE, MCL_ONFAULT
-_HOW = "allow it with rtprio in /etc/security/limits.conf, or with CAP_SYS_NICE"
-
-
-class Wanted(StrEnum):
-    """auto: where it is permitted and leaves a core to others."""
-
-    AUTO = "auto"
-    ON = "on"
-    OFF = "off"
 
 
 class RealtimeProfile:
-    """The profile of this process: set before the bus is opened, whose threads inherit it."""
+    """The profile of this process: set before the bus is opened, whose threads inherit it.
 
-    def __init__(self, wanted: Wanted, role: str) -> None:
-        self.granted: list[str] = []
-        self.refused: list[str] = []
-        self.in_class = False  # real-time
+    Attributes:
+        line: What was granted and what not, and how to get it.
+    """
+
+    def __init__(self, wanted: Literal["auto", "on", "off"], role: str) -> None:
+        """`wanted`: auto takes it where it leaves a core to others."""
+        self._role, self._in_class, self.line = role, False, "off"
         cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_setscheduler") else []
-        self._taken = bool(cores) and (
-            wanted is Wanted.ON or (wanted is Wanted.AUTO and len(cores) > _LOOPS)
-        )
-        self._role, self.why_not = role, ""
-        if wanted is Wanted.AUTO and not self._taken:
-            self.why_not = f"off, because the loops would take all {len(cores)} cores"
+        self._taken = wanted != "off" and len(cores) > (_LOOPS if wanted == "auto" else 0)
+        if wanted == "auto" and not self._taken:
+            self.line = f"off, because the loops would take all {len(cores)} cores"
         if not self._taken:
             return
+        granted = []
         if len(cores) > _LOOPS:
             mine = cores[_LOOPS:] if role == RECORDER else cores[:_LOOPS]
             os.sched_setaffinity(0, mine)
-            self.granted.append(f"cores {', '.join(map(str, mine))}")
-        self._enter_class()
-        if role != RECORDER:
-            self._lock_memory()
-
-    def _enter_class(self) -> None:
+            granted.append(f"cores {', '.join(map(str, mine))}")
         try:
-            _schedule(0, PRIORITY + 1)
-        except (PermissionError, OSError):
-            self.refused.append(f"SCHED_FIFO ({_HOW})")
+            _schedule(os.SCHED_FIFO, PRIORITY + 1)
+        except OSError:
+            granted.append(
+                "no SCHED_FIFO (allow it with rtprio in /etc/security/limits.conf, or with "
+                "CAP_SYS_NICE)"
+            )
         else:
-            self.in_class = True
-            recorder = self._role == RECORDER
-            self.granted.append("SCHED_FIFO for receiving" if recorder else _loops_class())
-
-    def _lock_memory(self) -> None:
-        """Only where there is no limit: at one, memory would run out."""
-        limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-        if limit == resource.RLIM_INFINITY or os.geteuid() == 0:
-            with suppress(OSError, AttributeError):
-                if ctypes.CDLL(None).mlockall(_LOCK_ALL_ON_FAULT) == 0:
-                    self.granted.append("memory locked")
-                    return
-        self.refused.append("locked memory (allow it with memlock in /etc/security/limits.conf)")
-
-    def line(self) -> str:
-        """What was granted and what not, and how to get it."""
-        if not self._taken:
-            return self.why_not or "off"
-        words = ", ".join(self.granted) or "nothing granted"
-        return words + (f"; not granted: {', '.join(self.refused)}" if self.refused else "")
+            self._in_class = True
+            granted.append("SCHED_FIFO for receiving" if role == RECORDER else _loops_class())
+        self.line = ", ".join(granted)
 
     @contextmanager
-    def loop(self, progress: Callable[[], int]) -> Iterator[None]:
-        """Frame of the loop: without garbage collection, and watched while in the class."""
-        if not self._taken:
-            yield
-            return
+    def loop(self) -> Iterator[None]:
+        """Frame of the loop, which runs without garbage collection."""
         if self._role == RECORDER:
-            if self.in_class:
-                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+            if self._in_class:
+                _schedule(os.SCHED_OTHER, 0)
                 os.setpriority(os.PRIO_PROCESS, 0, _RECORDER_NICE)  # of this thread
             yield
             return
-        collects = gc.isenabled()
-        gc.collect()
-        gc.disable()
-        over = threading.Event()
-        watch: threading.Thread | None = None
-        if self.in_class:
-            _schedule(0, PRIORITY)  # below the threads of the bus, which inherited one more
-            watch = threading.Thread(target=self._watch, args=(progress, over), daemon=True)
-            watch.start()
+        collects = self._taken and gc.isenabled()
+        if collects:
+            gc.collect()
+            gc.disable()
+        if self._in_class:
+            _schedule(os.SCHED_FIFO, PRIORITY)
         try:
             yield
         finally:
-            over.set()
-            if watch is not None:
-                watch.join()
-                _leave_class()
+            if self._in_class:
+                _schedule(os.SCHED_OTHER, 0)
             if collects:
                 gc.enable()
-
-    def _watch(self, progress: Callable[[], int], over: threading.Event) -> None:
-        with suppress(OSError):
-            _schedule(0, PRIORITY + 2)
-        at, cpu_s = progress(), time.process_time()
-        while not over.wait(_EVERY_S):
-            now, spent_s = progress(), time.process_time()
-            if now != at:
-                at, cpu_s = now, spent_s
-            elif spent_s - cpu_s > PATIENCE_S:
-                _leave_class()
-                self.in_class = False
-                self.granted.append("which was withdrawn: the loop spun without progress")
-                return
 
 
 def _loops_class() -> str:
@@ -145,12 +88,5 @@ def _loops_class() -> str:
     return "SCHED_FIFO"
 
 
-def _schedule(thread: int, priority: int) -> None:
-    os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
-
-
-def _leave_class() -> None:
-    """Put all threads of this process into the usual class."""
-    for thread in map(int, os.listdir("/proc/self/task")):
-        with suppress(ProcessLookupError, PermissionError):
-            os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
+def _schedule(policy: int, priority: int) -> None:
+    os.sched_setscheduler(0, policy, os.sched_param(priority))

@@ -23,7 +23,7 @@ from hertzloop.loop import stuck_law
 from hertzloop.loop.repeated_run import repeated_run
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.program import BUS_NAME
-from hertzloop.processes.realtime import RealtimeProfile, Wanted
+from hertzloop.processes.realtime import RealtimeProfile
 from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
@@ -141,7 +141,7 @@ def run_plant(
     from hertzloop.loop.plant_streams import EVERY_S
 
     repeat = repeated_run(read(options.repeat)) if options.repeat else None
-    profile = RealtimeProfile(Wanted(options.realtime), PLANT)
+    profile = RealtimeProfile(options.realtime, PLANT)
     with _joined(address, PLANT, options) as port:
         exchange = ExchangeOptions(
             max_exchange_steps=options.max_exchange_steps,
@@ -156,14 +156,14 @@ def run_plant(
         port.liveliness.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()
         try:
-            with profile.loop(lambda: node.streams.step):
+            with profile.loop():
                 stats = node.run()
         except KeyboardInterrupt as error:
             sentence = f"interrupted at step {node.streams.step}"
             node.streams.fail(sentence)
             raise Interrupted(f"plant was {sentence}") from error
     busy_s = stats.wall_s - stats.waited_s
-    return vars(stats) | {"realtime": profile.line(), "busy_s": busy_s}
+    return vars(stats) | {"realtime": profile.line, "busy_s": busy_s}
 
 
 def run_controller(
@@ -176,14 +176,14 @@ def run_controller(
     the scene names, or by the file `law`, if that is the same."""
     from hertzloop.loop.controller_node import ControllerNode
 
-    profile = RealtimeProfile(Wanted(options.realtime), CONTROLLER)
+    profile = RealtimeProfile(options.realtime, CONTROLLER)
     with _joined(address, CONTROLLER, options) as port:
         node = ControllerNode(port, law=law, shared_memory=options.shared_memory)
         port.liveliness.announce()
         port.liveliness.wait_for([PLANT, RECORDER], address.wait_s)
         on_ready()
         try:
-            with profile.loop(lambda: node.samples):
+            with profile.loop():
                 busy_s = _answer_all(node, address.wait_s, _WAITS[CONTROLLER] * options.timeout_s)
         except (StreamFault, BusError, KeyboardInterrupt) as error:
             interrupted = isinstance(error, KeyboardInterrupt)
@@ -195,7 +195,7 @@ def run_controller(
             raise
         if node.fault:
             raise EndedByOther(f"the plant ended the run: {node.fault}")
-    return {"realtime": profile.line(), "busy_s": busy_s}
+    return {"realtime": profile.line, "busy_s": busy_s}
 
 
 def _answer_all(node: "ControllerNode", wait_s: float, timeout_s: float) -> float:
@@ -249,7 +249,7 @@ def run_recorder(
     on_ready: Callable[[], None] = lambda: None,
 ) -> dict[str, Any]:
     """The recorder process: writes everything down until both roles have ended."""
-    profile = RealtimeProfile(Wanted(options.realtime), RECORDER)
+    profile = RealtimeProfile(options.realtime, RECORDER)
     started = time.monotonic()
     with _joined(address, RECORDER, options) as port:
         with _recording(Recorder(path, options.overwrite, options.note)) as recorder:
@@ -257,7 +257,7 @@ def run_recorder(
             port.liveliness.wait_for([PLANT, CONTROLLER], address.wait_s)
             on_ready()
             started_s = time.monotonic()
-            with profile.loop(lambda: 0):
+            with profile.loop():
                 # The run begins with the first forces: the controller may compile its law before.
                 patience_s = address.wait_s
                 while not recorder.done:
@@ -277,4 +277,4 @@ def run_recorder(
             raise EndedByOther(recorder.faults[0])
         port.liveliness.confirm_completion()
     recorder_s = time.monotonic() - started
-    return {"recorder_s": recorder_s, "realtime": profile.line(), "busy_s": busy_s}
+    return {"recorder_s": recorder_s, "realtime": profile.line, "busy_s": busy_s}
