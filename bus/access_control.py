@@ -1,8 +1,7 @@
 """Who may say and hear what on the bus: zenoh's access control, from the table of streams.
 
-Everything is denied but what a rule allows: one a stream and direction, and the tokens by which
-roles see each other. A role is known by the common name of its certificate, which zenoh compares
-literally.
+Everything is denied but what a rule allows. A role is known by the common name of its certificate,
+which zenoh compares literally.
 """
 
 from collections.abc import Mapping
@@ -18,63 +17,56 @@ def common_name(role: str) -> str:
     return f"hertzloop {role}"
 
 
-def _rule(name: str, flow: str, messages: list[str], *keys: str) -> dict[str, object]:
-    return {
-        "id": name,
-        "permission": "allow",
-        "flows": [flow],
-        "messages": messages,
-        "key_exprs": [f"{_RUNS}/{key}" for key in keys],
-    }
+def _rules(role: str, other: str) -> list[dict[str, object]]:
+    """What `role` lets out to `other`, and in from there.
 
-
-def _streams(role: str, other: str) -> list[dict[str, object]]:
-    """What `role` lets out to `other`, and in from there: a rule a stream and direction.
-
-    The wish to hear a stream travels the other way.
+    The wish to hear a stream travels against it. Each role holds tokens of its own only, and may
+    look for all.
     """
-    rules = []
-    for name, stream in STREAMS.items():
-        if stream.publisher == role and name in SUBSCRIPTIONS[other]:
-            rules += [
-                _rule(f"{name} to {other}", "egress", ["put"], name),
-                _rule(f"{name} asked for by {other}", "ingress", ["declare_subscriber"], name),
-            ]
-        if stream.publisher == other and name in SUBSCRIPTIONS[role]:
-            rules += [
-                _rule(f"{name} from {other}", "ingress", ["put"], name),
-                _rule(f"{name} asked of {other}", "egress", ["declare_subscriber"], name),
-            ]
-    return rules
-
-
-def _presence(role: str, other: str) -> list[dict[str, object]]:
-    """Each role holds tokens of its own only, and may look for all."""
-    asks = ["declare_liveliness_subscriber"]
+    said, heard = _streams(role, other), _streams(other, role)
+    asks, all_tokens = "declare_liveliness_subscriber", _tokens("*")
+    rules: list[tuple[str, str, str, list[str]]] = [
+        (f"streams to {other}", "egress", "put", said),
+        (f"streams asked for by {other}", "ingress", "declare_subscriber", said),
+        (f"streams from {other}", "ingress", "put", heard),
+        (f"streams asked of {other}", "egress", "declare_subscriber", heard),
+        (f"tokens to {other}", "egress", "liveliness_token", _tokens(role)),
+        (f"tokens asked for by {other}", "ingress", asks, all_tokens),
+        (f"tokens of {other}", "ingress", "liveliness_token", _tokens(other)),
+        (f"tokens asked of {other}", "egress", asks, all_tokens),
+    ]
     return [
-        _rule(f"tokens to {other}", "egress", ["liveliness_token"], *_tokens(role)),
-        _rule(f"tokens of {other}", "ingress", ["liveliness_token"], *_tokens(other)),
-        _rule(f"tokens asked of {other}", "egress", asks, *_tokens("*")),
-        _rule(f"tokens asked for by {other}", "ingress", asks, *_tokens("*")),
+        {
+            "id": name,
+            "permission": "allow",
+            "flows": [flow],
+            "messages": [message],
+            "key_exprs": [f"{_RUNS}/{key}" for key in keys],
+        }
+        for name, flow, message, keys in rules
+        if keys
     ]
 
 
-def _tokens(role: str) -> tuple[str, ...]:
-    return f"alive/{role}/*", f"complete/{role}"
+def _streams(publisher: str, subscriber: str) -> list[str]:
+    return [name for name in SUBSCRIPTIONS[subscriber] if STREAMS[name].publisher == publisher]
+
+
+def _tokens(role: str) -> list[str]:
+    return [f"alive/{role}/*", f"complete/{role}"]
 
 
 def access_control(role: str) -> dict[str, object]:
     """Value of `access_control` in the zenoh configuration of a role."""
-    others = [other for other in ROLES if other != role]
-    rules = {other: _streams(role, other) + _presence(role, other) for other in others}
+    rules = {other: _rules(role, other) for other in ROLES if other != role}
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": [rule for one in rules.values() for rule in one],
-        "subjects": [{"id": other, "cert_common_names": [common_name(other)]} for other in others],
+        "subjects": [{"id": other, "cert_common_names": [common_name(other)]} for other in rules],
         "policies": [
-            {"subjects": [other], "rules": [rule["id"] for rule in rules[other]]}
-            for other in others
+            {"subjects": [other], "rules": [rule["id"] for rule in one]}
+            for other, one in rules.items()
         ],
     }
 
