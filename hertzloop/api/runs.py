@@ -247,7 +247,7 @@ def run(
         StreamFault: a message was lost, repeated or malformed.
         RecordingError: the recording cannot be written.
     """
-    from hertzloop.processes.record import record
+    from hertzloop.processes.record import record, told_where
 
     asked = RunOptions(**options)
     if recording is not None:
@@ -260,7 +260,8 @@ def run(
         check_pace(setup, asked.pace, asked.timeout_s)
         ensure_compiled(setup)  # a process that compiles answers nobody
     if recording is not None:
-        record(setup, Path(recording), asked, lambda _: nullcontext(on_progress))
+        with told_where(Path(recording)):
+            record(setup, Path(recording), asked, lambda _: nullcontext(on_progress))
         return read(recording)
     with own_folder() as folder:
         path = Path(folder) / "run.mcap"

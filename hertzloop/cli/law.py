@@ -163,7 +163,7 @@ def _difference(found: "ForceComparison", name: str) -> str:
     )
 
 
-@run_options("name", "timeout_s", "controller")
+@run_options("name", "timeout_s", "controller", "max_exchange_steps")
 def controller_test(
     law: Annotated[
         str | None, typer.Option(help="Require the forces of this law, byte for byte.")

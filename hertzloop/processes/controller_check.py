@@ -65,7 +65,9 @@ def cases_of(law: str | None, settings: Sequence[str]) -> list[Case]:
     return [
         *cases,
         replace(
-            cases[0], name=f"a max_exchange_steps of {_HORIZON} steps", max_exchange_steps=_HORIZON
+            cases[0],
+            name=f"at most {_HORIZON} steps between exchanges",
+            max_exchange_steps=_HORIZON,
         ),
     ]
 
@@ -75,14 +77,9 @@ def run_case(case: Case, options: RunOptions, folder: Path) -> Recording:
 
     Raises as `record`, with one sentence on what the program does wrong.
     """
-    path = folder / "run.mcap"
-    record(
-        case.setup,
-        path,
-        options.model_copy(
-            update={"max_exchange_steps": case.max_exchange_steps, "overwrite": True}
-        ),
-    )
+    path, steps = folder / "run.mcap", case.max_exchange_steps or options.max_exchange_steps
+    asked = options.model_copy(update={"max_exchange_steps": steps})
+    record(case.setup, path, asked)
     return read(path)
 
 

@@ -47,14 +47,13 @@ def record(
         RunFailed, BusError, StreamFault, RecordingError: The run has failed.
     """
     check_buildable(setup)
-    with told_where(recording):
-        if options.transport is Transport.ZENOH:
-            with Launcher(setup, recording, options) as launcher, shown(launcher) as on_progress:
-                return launcher.wait(on_progress)
-        compiled = options.transport is Transport.COMPILED
-        with shown(None) as on_progress:
-            loop = record_in_process(setup, recording, options, on_progress, compiled=compiled)
-        return dict(vars(loop))
+    if options.transport is Transport.ZENOH:
+        with Launcher(setup, recording, options) as launcher, shown(launcher) as on_progress:
+            return launcher.wait(on_progress)
+    compiled = options.transport is Transport.COMPILED
+    with shown(None) as on_progress:
+        loop = record_in_process(setup, recording, options, on_progress, compiled=compiled)
+    return dict(vars(loop))
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import Any
 from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.launcher import Launcher
-from hertzloop.processes.record import Progress, record, unseen
+from hertzloop.processes.record import Progress, record, told_where, unseen
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
@@ -81,7 +81,8 @@ def run_and_assess(
         RecordingError: The recording is incomplete, or another run has replaced it.
         RunFailed: A process failed. The other errors of `record` pass, too.
     """
-    stats = record(setup, recording, options, shown)
+    with told_where(recording):
+        stats = record(setup, recording, options, shown)
     if not recording.exists():
         raise RecordingRemoved(
             f"{recording} was removed or renamed while the run wrote it, so its recording is gone. "

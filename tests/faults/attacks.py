@@ -55,7 +55,7 @@ from tests.hertzloop.commands import (
 )
 from tests.tables import markdown
 
-STRANGER = "stranger"
+STRANGER = "other peer"
 SETTINGS = as_options(["run.duration_s=0.3", "run.accuracy=0.1"])
 PLANT_WORDS = ["aluminium-3mm", *SETTINGS, "--max-exchange-steps", "200"]
 TIMEOUT_S, HANGS_S = 4.0, 60.0
@@ -102,7 +102,7 @@ def possible(how: str, stream: str) -> bool:
         case "not finite":
             return stream in ("daq", "truth", "force")
         case "number":
-            return not STREAMS[stream].numbered
+            return not (STREAMS[stream].numbered or STREAMS[stream].once)
         case "reordered":
             return not STREAMS[stream].once and not stream.startswith("events/")
         case _ if how in ("run_id", "sequence", "first_step", "step_ns", "samples_seen"):

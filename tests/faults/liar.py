@@ -48,7 +48,8 @@ def _field(name: str) -> Lie:
 
 def _not_finite(block: DecodedBlock) -> None:
     for values in block.arrays.values():
-        values[:1] = np.inf
+        if values.dtype.kind == "f":
+            values[:1] = np.inf
 
 
 def _other_scene(block: DecodedBlock) -> None:

@@ -63,7 +63,7 @@ RULES = {
     "late": "controller does not respond; plant waited 6.25 s for the force for step",
     "dies": "failed with exit code 3",
     "exit-code": "failed with exit code 4",
-    "by-the-cut": "a max_exchange_steps of 100 steps: the controller's force of step",
+    "by-the-cut": "at most 100 steps between exchanges: the controller's force of step",
 }
 
 
