@@ -1,6 +1,6 @@
 """The one table of streams: who sends them, who hears them, and which message they carry."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from google.protobuf.message import Message
@@ -23,10 +23,11 @@ class Stream:
     compared: bool = False  # its samples must be the same in every repeat of a run
     once: bool = False  # one message a run
     recorded_as: type[Message] | None = None  # schema in the recording, if another
-    numbered: bool = field(init=False)  # whether its messages carry their own sequence number
 
-    def __post_init__(self) -> None:
-        vars(self)["numbered"] = "sequence" in self.message.DESCRIPTOR.fields_by_name
+    @property
+    def numbered(self) -> bool:
+        """Whether its messages carry their own sequence number."""
+        return "sequence" in self.message.DESCRIPTOR.fields_by_name
 
 
 STREAMS = {

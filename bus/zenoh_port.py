@@ -95,11 +95,11 @@ class ZenohPort:
         self._sender.start()
 
     def _handler(self, stream: str) -> "zenoh.handlers.Callback[zenoh.Sample]":
-        put, numbered = self._inbox.put, not STREAMS[stream].numbered
+        put, once = self._inbox.put, STREAMS[stream].once
 
         def receive(sample: zenoh.Sample) -> None:
-            sequence = None
-            if numbered and sample.attachment is not None:
+            sequence = 0 if once else None
+            if sample.attachment is not None:
                 number = sample.attachment.to_bytes()
                 sequence = int.from_bytes(number, "little") if len(number) == 8 else None
             put(Envelope(stream, sample.payload.to_bytes(), sequence))
@@ -141,8 +141,8 @@ class ZenohPort:
                 self._sent.notify()
 
     def _put(self, envelope: Envelope) -> None:
-        attachment = None
-        if not STREAMS[envelope.stream].numbered:
+        attachment, stream = None, STREAMS[envelope.stream]
+        if not stream.once and not stream.numbered:
             attachment = (envelope.sequence or 0).to_bytes(8, "little")
         started = time.monotonic()
         self._publishers[envelope.stream].put(envelope.payload, attachment=attachment)

@@ -30,7 +30,7 @@ LEFT_OUT = {
     "cmake ": "needs the sources of zenoh-pico",
     "nanopb_generator ": "needs nanopb",
     "cc -O2 -std=gnu11 -ffp-contract=off -DZENOH_LINUX": "as before",
-    "hertzloop law test --controller './pico": "as before",
+    "hertzloop law test --max-exchange-steps 200 --controller './pico": "as before",
     "hertzloop run aluminium-3mm --max-exchange-steps 200 --controller './pico": "as before",
     "./pico_controller ": "as before",
     "hertzloop node plant aluminium-3mm --max-exchange-steps 200 --zenoh-config lab": "as before",

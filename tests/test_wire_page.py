@@ -29,7 +29,7 @@ def test_the_table_of_streams():
             stream.publisher,
             stream.message.DESCRIPTOR.name,
             ", ".join(role for role in roles if stream.name in SUBSCRIPTIONS[role]),
-            "header" if stream.numbered else "attachment",
+            "header" if stream.numbered else "none" if stream.once else "attachment",
         )
         for stream in STREAMS.values()
     ]
@@ -62,7 +62,7 @@ def test_keys_and_numbers_on_a_real_bus():
     heard: list[zenoh.Sample] = []
     try:
         with stranger(url(number)) as session:
-            key = stream.replace("<name>", "page").replace("<stream>", "end/controller")
+            key = stream.replace("<name>", "page").replace("<stream>", "events/controller")
             session.declare_subscriber(key, zenoh.handlers.Callback(heard.append))
             token = alive.replace("<name>", "page").replace("<role>", "controller")
             session.liveliness().declare_subscriber(
@@ -80,7 +80,7 @@ def test_keys_and_numbers_on_a_real_bus():
             wait_for(lambda: done)
 
             def said() -> bool:
-                port.publish(Envelope("end/controller", b"end", 5))
+                port.publish(Envelope("events/controller", b"event", 5))
                 return bool(heard)
 
             wait_for(said)

@@ -101,9 +101,7 @@ class Controller:
         if self.hello:
             end = RunEnd(run_id=self.hello.run_id, role="controller", fault=fault)
             end.count.add(stream="force", messages=self.answers, samples=self.first_step)
-            end.count.add(stream="events/controller")  # there are none
-            end.report.scene_toml = self.hello.scene_toml
-            end.report.stiffness, end.report.law = self.hello.stiffness, LAW
+            end.report.law = LAW
             self.say("end/controller", end)
             self.hello = None
 
@@ -141,14 +139,8 @@ def main():
         return declare(f"{root}/{key}", zenoh.handlers.Callback(handler, indirect=False), **more)
 
     def say(stream, message):
-        number = None if stream == "force" else bytes(8)  # a force's is in its header
-        session.put(
-            f"{root}/{stream}",
-            message.SerializeToString(),
-            attachment=number,
-            congestion_control=block,
-            express=True,
-        )
+        key, payload = f"{root}/{stream}", message.SerializeToString()
+        session.put(key, payload, congestion_control=block, express=True)
 
     with zenoh.open(config) as session:
         controller = Controller(say)

@@ -103,17 +103,10 @@ static int recorder_gone(void) { return recorders <= 0; }
 static z_owned_publisher_t force_stream, end_stream;
 static uint8_t outbox[8 * FORCES + MESSAGE_BYTES];
 
-static void publish(z_owned_publisher_t *stream, size_t size, int numbered) {
-    uint8_t number[8] = {0}; /* little endian: the end is the only message of its stream */
-    z_owned_bytes_t payload, attachment;
-    z_publisher_put_options_t options;
-    z_publisher_put_options_default(&options);
+static void publish(z_owned_publisher_t *stream, size_t size) {
+    z_owned_bytes_t payload;
     z_bytes_copy_from_buf(&payload, outbox, size);
-    if (numbered) {
-        z_bytes_copy_from_buf(&attachment, number, sizeof number);
-        options.attachment = z_bytes_move(&attachment);
-    }
-    if (z_publisher_put(z_publisher_loan(stream), z_bytes_move(&payload), &options) < 0)
+    if (z_publisher_put(z_publisher_loan(stream), z_bytes_move(&payload), NULL) < 0)
         give_up("a message could not be sent");
 }
 
@@ -214,17 +207,11 @@ static bool write_text(pb_ostream_t *stream, const pb_field_t *field, void *cons
 
 static bool write_counts(pb_ostream_t *stream, const pb_field_t *field, void *const *arg) {
     (void)arg;
-    hertzloop_StreamCount counts[2] = {hertzloop_StreamCount_init_zero,
-                                       hertzloop_StreamCount_init_zero};
-    counts[0].messages = messages, counts[0].samples = (uint64_t)first_step;
-    for (int i = 0; i < 2; i++) {
-        counts[i].stream.funcs.encode = write_text;
-        counts[i].stream.arg = i ? "events/controller" : "force";
-        if (!pb_encode_tag_for_field(stream, field) ||
-            !pb_encode_submessage(stream, hertzloop_StreamCount_fields, &counts[i]))
-            return false;
-    }
-    return true;
+    hertzloop_StreamCount sent = hertzloop_StreamCount_init_zero;
+    sent.messages = messages, sent.samples = (uint64_t)first_step;
+    sent.stream.funcs.encode = write_text, sent.stream.arg = "force";
+    return pb_encode_tag_for_field(stream, field) &&
+           pb_encode_submessage(stream, hertzloop_StreamCount_fields, &sent);
 }
 
 static void say_end(const char *fault) {
@@ -236,12 +223,11 @@ static void say_end(const char *fault) {
     end.role.funcs.encode = end.fault.funcs.encode = write_text;
     end.role.arg = "controller", end.fault.arg = (void *)fault;
     end.count.funcs.encode = write_counts;
-    end.has_set_up = true;
-    end.report.scene_toml.funcs.encode = end.report.law.funcs.encode = write_text;
-    end.report.scene_toml.arg = scene, end.report.law.arg = "slope threshold on zenoh-pico 1.0";
-    end.report.stiffness = hello.stiffness;
+    end.has_report = true;
+    end.report.law.funcs.encode = write_text;
+    end.report.law.arg = "slope threshold on zenoh-pico 1.0";
     if (!pb_encode(&stream, hertzloop_RunEnd_fields, &end)) give_up("the end is too long");
-    publish(&end_stream, stream.bytes_written, 1);
+    publish(&end_stream, stream.bytes_written);
 }
 
 static void hear_daq(const uint8_t *bytes, size_t size) {
@@ -271,7 +257,7 @@ static void hear_daq(const uint8_t *bytes, size_t size) {
     answer.zero_until_trigger = mode == 0 && force == 0.0;
     answer.force_n.funcs.encode = write_forces;
     if (!pb_encode(&out, hertzloop_ForceBlock_fields, &answer)) give_up("the answer is too long");
-    publish(&force_stream, out.bytes_written, 0);
+    publish(&force_stream, out.bytes_written);
     first_step += (int64_t)count;
     count = 0;
     if (samples == ((int64_t)hello.steps + every - 1) / every) say_end("");

@@ -123,7 +123,6 @@ def test_an_end_without_a_beginning(path):
             SCENE + "\nmore = " + 200 * "1",
             "scene: 'more = " + 93 * "1" + "' where the plant announced 'nothing'",
         ),
-        ("", "the final message of the controller names no scene"),
     ],
 )
 def test_a_controller_that_worked_by_another_scene(path, said, sentence):

@@ -107,7 +107,6 @@ BREACHES: dict[str, tuple[Alter, str | tuple[str, ...]]] = {
     "another scene": (at_the_end(another_law), ("'kappa = -5.0' where", "'kappa = 0.8'")),
     "another stiffness": (at_the_end(lambda end: setattr(end.report, "stiffness", 1.0)),
                           "the controller worked with a contact stiffness"),
-    "no scene": (at_the_end(lambda end: end.ClearField("report")), "names no scene"),
 }  # fmt: skip
 
 
