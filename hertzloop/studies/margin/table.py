@@ -18,6 +18,7 @@ _GAP_POINTS = 5
 _MOST_ROUNDS = 40
 _NEAR, _ELSEWHERE = 0.05, 0.5  # largest error of an interpolated log L
 _MOST_TURN = 1.2  # rad between two points
+_FAINT = -20.0  # log |L| of a loop gain that may be rounding alone, as between poles and zeros at 1
 _HIDDEN_ROUNDS = 6
 _HALVINGS = 55
 Sampled = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # values and slopes at angles
@@ -174,15 +175,17 @@ def middle_of_cubic(left: SampledResponse, right: SampledResponse) -> np.ndarray
 
 
 def _unsure(left: SampledResponse, middle: SampledResponse, right: SampledResponse) -> np.ndarray:
-    """Whether the cubic through log L does not predict the middle, or the phase turns too far."""
+    """Whether the cubic through log L does not predict the middle, or the phase turns too far;
+    nothing is asked of a faint loop gain, whose rounding no cubic predicts."""
     away = middle_of_cubic(left, right) - middle.value
     # The phase may be off by whole turns, and half of that in the middle.
     away_phase = np.minimum(np.abs(_wrapped(away.imag)), np.abs(_wrapped(away.imag + math.pi)))
-    close = np.min([np.abs(part.value.real) for part in (left, middle, right)], axis=0) < 1.0
+    sizes = np.array([part.value.real for part in (left, middle, right)])
+    close = np.min(np.abs(sizes), axis=0) < 1.0
     bad = np.hypot(away.real, away_phase) > np.where(close, _NEAR, _ELSEWHERE)
     for step in (middle.value - left.value, right.value - middle.value):
         bad |= np.abs(_wrapped(step.imag)) > _MOST_TURN
-    return bad
+    return bad & (np.max(sizes, axis=0) > _FAINT)
 
 
 def make_table(plant: TransferFunction, law: TransferFunction) -> NyquistTable:

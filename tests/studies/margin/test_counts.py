@@ -7,7 +7,7 @@ from benchmarks.margin import dense, laws, own_laws, synthetic
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.margin.linear import TransferFunction
-from hertzloop.studies.margin.loop import Loop
+from hertzloop.studies.margin.loop import Loop, PolyphaseLoop, loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.table import FrequencyResponse
 from tests.tiers import default
@@ -25,6 +25,16 @@ def test_counts_of_hard_loops_agree_with_all_poles(seed):
 @pytest.mark.parametrize("modes", default([(20, 40), (20, 40, 80)], quick=[(20, 40)]))
 def test_counts_agree_with_eigenvalues(modes):
     assert [c for c in dense(7, modes) if not c.agrees] == []
+
+
+def test_a_loop_without_gain_at_rest_has_no_points_where_it_is_rounding_alone():
+    """An acceleration is zero at rest: near zero frequency its loop gain is 1e-12 of rounding."""
+    law = "controller.law=acceleration_feedback"
+    loops = loops_of(load("aluminium-20mm", [law, "run.accuracy=0.05"]))
+    assert isinstance(loops, PolyphaseLoop)
+    theta = loops.at(0)[0].table.theta
+    assert 1000 < len(theta) < 20_000
+    assert np.count_nonzero(theta < 1e-9) < 100
 
 
 def test_a_dip_below_one_between_the_points_is_found():
