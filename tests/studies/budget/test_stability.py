@@ -255,7 +255,8 @@ def test_the_check_says_so_too(rows):
 
 def test_a_loop_that_runs_away_after_the_first_impact_has_a_budget_of_the_impact():
     """It has no plate energy over all contacts, and the budget says why."""
-    words = ["--set", "run.accuracy=0.01", "--law", "acceleration_feedback", "--workers", "1"]
-    asked = ["--quick", "--no-real-plant", "--only", "bits"]
+    keys = ("controller.kappa=0.9", "run.accuracy=0.03", "run.duration_s=0.012")
+    words = ["--law", "velocity_feedback", *(word for key in keys for word in ("--set", key))]
+    asked = ["--quick", "--no-real-plant", "--only", "bits", "--workers", "1"]
     said = " ".join(succeed("budget", "aluminium-20mm", *words, *asked).split())
     assert "There is no plate energy over all contacts: the closed loop is unstable" in said

@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from hertzloop.plant.schemes.registry import step
+from hertzloop.api.stepper import Stepper
 from hertzloop.plant.structures.mode_file import write_modes
 from hertzloop.results.scene_modes import modes_of_scene
-from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.setup import Setup, load
-from hertzloop.sensors import kernels as sk
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.linear import plant_in_flight
 
@@ -56,13 +54,13 @@ VARIANTS = [
 
 
 def samples_under(setup: Setup, forces: np.ndarray) -> np.ndarray:
-    """Values that the channel of a setup samples at the end of each step, by the kernels."""
-    plant, sensor = build_plant(setup.with_plate_model("modal")), build_sensor(setup)
+    """Values that the sensor of a setup samples at the begin of each step."""
+    ideal = {"run.plate_model": "modal", "sensors.bits": "ideal", "sensors.full_scale": "auto"}
+    plant = Stepper(setup.vary(ideal).scene)
     seen = np.zeros(len(forces))
     for i, force in enumerate(forces):
-        sk.follow(sensor.model, sensor.state, plant.state.body[setup.sensor.of_state])
-        seen[i] = sensor.state[sk.FILTERED]
-        step(plant.model, plant.state, force)
+        seen[i] = plant.sample
+        plant.step(float(force))
     return seen
 
 
