@@ -71,7 +71,7 @@ def page() -> str:
         "# Python interface",
         "",
         "[Use Python and notebooks](../how-to/python.md) has examples. `help(hertzloop.run)`",
-        "prints the whole text on a name, with the conditions of its errors. The names of numbers",
+        "prints the whole text on a name, with its errors. The names of numbers",
         "end in their units: `_m`, `_us`, `_n`, `_n_s` (N s), `_db`. `import hertzloop` offers",
         "functions and classes, `hertzloop.law` the names of a law.",
         "",
@@ -109,8 +109,6 @@ def entry(named: Any) -> list[str]:
         lines += [f"- `{name}`: {_cell(_first(meaning))}" for name, meaning in rows.items()] + [""]
     if text := parts.get("Returns"):
         lines += [f"Returns: {_sentence(text)}", ""]
-    if errors := _items(parts.get("Raises", "")):
-        lines += [f"Raises: {', '.join(f'`{name}`' for name in errors)}.", ""]
     return lines
 
 
