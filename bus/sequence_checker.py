@@ -5,7 +5,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import version
 from itertools import zip_longest
 from typing import Any
 
@@ -25,6 +24,7 @@ from hertzloop.bus.streams import (
     Envelope,
     StreamFault,
 )
+from hertzloop.common.version import __version__
 
 _LONGEST_VERSION = 20  # characters: it comes from another process
 # A promise that no sample can break has no level; a plate without modes has no estimate.
@@ -271,8 +271,7 @@ def other_version(versions: str, who: str) -> str:
         stated = json.loads(versions)["hertzloop"]
     except (ValueError, KeyError, TypeError, RecursionError):
         return ""
-    here = version("hertzloop")
-    if not isinstance(stated, str) or stated == here:
+    if not isinstance(stated, str) or stated == __version__:
         return ""
     shown = "".join(c for c in stated if c.isprintable())[:_LONGEST_VERSION]
-    return f" ({who} hertzloop {shown}, this is {here})"
+    return f" ({who} hertzloop {shown}, this is {__version__})"

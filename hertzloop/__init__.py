@@ -3,7 +3,7 @@
 import os
 from importlib import import_module as _import_module
 
-__version__ = "0.4.0"
+from hertzloop.common.version import __version__ as __version__
 
 # Matrices here are small: threads of the linear algebra cost more than they give. NumPy reads
 # this once, when it is imported first.

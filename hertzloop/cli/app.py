@@ -67,7 +67,7 @@ class RootGroup(TyperGroup):
 
 def _print_version(asked: bool) -> None:
     if asked:
-        from hertzloop import __version__
+        from hertzloop.common.version import __version__
 
         print(f"hertzloop {__version__}")
         raise typer.Exit()

@@ -5,13 +5,13 @@ import math
 import os
 import tempfile
 from collections.abc import Callable, Iterable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from hertzloop.cli.terminal import at_end, fail, out
 from hertzloop.common.atomic_files import NotWritten, atomic_write, in_place, write_together
 from hertzloop.common.optional_dependencies import need
+from hertzloop.common.version import __version__
 from hertzloop.scene.setup import Setup
 
 _STDOUT = (Path("-"), Path("/dev/stdout"), Path("/dev/fd/1"))
@@ -171,7 +171,7 @@ def write_json(path: Path | None, data: dict[str, Any]) -> None:
     """Write data and the version of hertzloop to the file of --json, if one is given."""
     if path is None:
         return
-    text = json.dumps({"hertzloop": version("hertzloop"), **_without_nan(data)}, indent=2)
+    text = json.dumps({"hertzloop": __version__, **_without_nan(data)}, indent=2)
     if path in _STDOUT:
         print(text)
         return

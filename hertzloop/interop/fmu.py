@@ -14,8 +14,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from hertzloop import __version__
 from hertzloop.common.atomic_files import atomic_write
+from hertzloop.common.version import __version__
 from hertzloop.interop.image import Image
 from hertzloop.interop.object_code import outline
 from hertzloop.interop.objects import plant_object

@@ -10,18 +10,19 @@ from hertzloop.bus.messages_pb2 import (
     SceneText,
 )
 from hertzloop.bus.port import Publisher
+from hertzloop.common.version import __version__
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 
 # Packages whose version may change a sample.
-_PACKAGES = ("hertzloop", "numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
+_PACKAGES = ("numpy", "numba", "eclipse-zenoh", "mcap", "protobuf")
 
 
 @cache
 def versions_here() -> str:
     """Return the versions of hertzloop and of the packages that a run depends on, as JSON."""
-    return json.dumps({name: version(name) for name in _PACKAGES})
+    return json.dumps({"hertzloop": __version__} | {name: version(name) for name in _PACKAGES})
 
 
 def hello(setup: Setup, stiffness: float) -> Hello:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.common.jit.folder import code_digest
+from hertzloop.common.version import __version__
 from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.scene.controller import law_constants
 from hertzloop.scene.errors import SceneError
@@ -15,12 +16,13 @@ from hertzloop.scene.setup import Setup
 from hertzloop.scene.toml import to_toml
 from hertzloop.studies.cases.design import Design
 
-_PACKAGES = ("hertzloop", "numpy", "numba")
+_PACKAGES = ("numpy", "numba")
 
 
 def code_version() -> str:
     """Return the versions and the digest of all compiled kernels, which decide the bits."""
-    return ", ".join([*(f"{p} {version(p)}" for p in _PACKAGES), f"kernels {code_digest()}"])
+    packages = (f"{package} {version(package)}" for package in _PACKAGES)
+    return ", ".join([f"hertzloop {__version__}", *packages, f"kernels {code_digest()}"])
 
 
 def laws_of(setup: Setup, design: Design) -> dict[str, dict[str, str]]:

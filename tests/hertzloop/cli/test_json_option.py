@@ -1,10 +1,10 @@
 """What --json may replace: nothing but what --json wrote."""
 
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 
+import hertzloop
 from tests.commands import call, refused, said
 from tests.hertzloop.cli.test_cli import SHORT
 from tests.hertzloop.scenes import json_in
@@ -50,4 +50,4 @@ def test_an_earlier_one_and_an_empty_one_are_replaced(here):
         duration = ["--set", f"run.duration_s={steps}e-6"]
         call(*RUN[:-2], *duration, "--overwrite", "--json", "a.json")
         data = json_in(here / "a.json")
-        assert (data["steps"], data["hertzloop"]) == (steps, version("hertzloop"))
+        assert (data["steps"], data["hertzloop"]) == (steps, hertzloop.__version__)
