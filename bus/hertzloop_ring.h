@@ -1,6 +1,6 @@
-/* The fast lane: two rings of shared memory between a plant and a controller on one host.
+/* Two rings of shared memory between a plant and a controller on one host.
  *
- * See docs/reference/lane.md. C11; little-endian, 64-bit. Every word is 8 bytes, every offset in bytes is given.
+ * See docs/reference/shared-memory.md. C11; little-endian, 64-bit. Every word is 8 bytes, every offset in bytes is given.
  * A controller maps the segment (size hertzloop_ring_bytes(slots)), checks magic, version and run_id,
  * writes run_id into `joined`, and after its first block on the bus answers samples with
  *

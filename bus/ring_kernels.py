@@ -1,6 +1,6 @@
-"""Compiled kernels of the fast lane: two rings in shared memory, as hertzloop_ring.h has them in C.
+"""Compiled kernels of the two rings in shared memory, as hertzloop_ring.h has them in C.
 
-See docs/reference/lane.md.
+See docs/reference/shared-memory.md.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""The fast lane's segment of shared memory: made by the plant, joined by the controller."""
+"""The segment of shared memory: made by the plant, joined by the controller."""
 
 import ctypes
 import fcntl

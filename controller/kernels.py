@@ -1,7 +1,8 @@
 """Compiled kernels of the controller: the line from a law's commands to one actuator force a step.
 
 With latency L the command of sample i, taken at step i n, acts from step i n + 1 + L. Latency is
-applied here alone, by `_schedule`: a force is sent with the step in which it acts.
+applied here alone, by `_schedule`: a force is sent with the step in which it acts. A controller
+that is not ours applies its own; a paced run may be late on top.
 """
 
 import math

@@ -223,7 +223,7 @@ def _spring_m_n(spec: PlantSpec, omega_max: float, point_m: tuple[float, float])
     """Flexibility between the modes and a mass on the plate, m/N."""
     if not spec.residual_flexibility:
         return 0.0
-    return spec.plate.residual_flexibility_m_n(omega_max, point_m)
+    return spec.plate.struck_at_actuator.residual_flexibility_m_n(omega_max, point_m)
 
 
 # What any scheme has: keys of a scene, and values of contact.damping.
@@ -245,11 +245,11 @@ def quoted(names: Iterable[str]) -> str:
 class Plant(ABC):
     """A description as a run needs it: modes, model, state, and a balance at the end.
 
-    A scheme says how a step is made: `kernels` is a module with `step(model, state, f_a) -> f_c`,
-    `contact_energy(model, state)`, J, and `close_balance(model, state)`, which returns the energy
-    of the modes. The class of its model is defined in that module too: a model's kernels are found
-    by its class. Its state has the arrays `body`, `balance` and `counts` of
-    `hertzloop.plant.state_kernels`, and more as it likes.
+    A scheme says how a step is made: `kernels` is a module with `step(model, state, command)`,
+    which returns the mean contact force of the step (N), `contact_energy(model, state)`, J, and
+    `close_balance(model, state)`, which returns the energy of the modes. The class of its model is
+    defined in that module too: a model's kernels are found by its class. Its state has the arrays
+    `body`, `balance` and `counts` of `hertzloop.plant.state_kernels`, and more as it likes.
     """
 
     kernels: Any

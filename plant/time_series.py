@@ -3,7 +3,6 @@
 from hertzloop.common.jit import kernel
 from hertzloop.plant import state_kernels
 from hertzloop.plant.schemes import registry as scheme
-from hertzloop.plant.state_kernels import V_P_OF_STEP
 
 # Columns by the names of the fields of the message `TruthBlock`: unit, meaning. Positions and
 # velocity are values at the start of the step, forces are means over it.
@@ -28,13 +27,13 @@ XI, XI_S, XI_P, V_P, F_C, F_A, XI_A, F_C1, F_A1, DEEPEST = range(COLUMNS)
 def record_step(plant, plant_state, command, truth, row):
     """One plant step under a commanded force; writes its row of the time series."""
     body = plant_state.body
-    truth[0, row] = body[state_kernels.XI]
-    truth[1, row] = body[state_kernels.XI_S]
-    truth[2, row] = body[state_kernels.XI_P]
-    truth[6, row] = body[state_kernels.XI_A]
-    truth[9, row] = body[state_kernels.DEEPEST]
-    truth[4, row] = scheme.step(plant, plant_state, command)
-    truth[3, row] = body[V_P_OF_STEP]
-    truth[5, row] = body[state_kernels.F_A]
-    truth[7, row] = body[state_kernels.F_C1]
-    truth[8, row] = body[state_kernels.F_A1]
+    truth[XI, row] = body[state_kernels.XI]
+    truth[XI_S, row] = body[state_kernels.XI_S]
+    truth[XI_P, row] = body[state_kernels.XI_P]
+    truth[XI_A, row] = body[state_kernels.XI_A]
+    truth[DEEPEST, row] = body[state_kernels.DEEPEST]
+    truth[F_C, row] = scheme.step(plant, plant_state, command)
+    truth[V_P, row] = body[state_kernels.V_P_OF_STEP]
+    truth[F_A, row] = body[state_kernels.F_A]
+    truth[F_C1, row] = body[state_kernels.F_C1]
+    truth[F_A1, row] = body[state_kernels.F_A1]

@@ -1,4 +1,4 @@
-/* A controller in C on the fast lane: a share of what it senses, sample by sample.
+/* A controller in C in shared memory: a share of what it senses, sample by sample.
  *
  * Its way onto the bus is ring_controller.py, which starts it with an open segment:
  *     ring_controller FD RUN_ID FIRST_SAMPLE LATENCY_STEPS GAIN

@@ -1,4 +1,4 @@
-"""The way onto the bus of a controller in C on the fast lane: see docs/reference/lane.md.
+"""The way onto the bus of a controller in C in shared memory: see docs/reference/shared-memory.md.
 
 It answers the plant's first samples itself, hands the segment to ring_controller (beside this file,
 or at $RING_CONTROLLER), and publishes the forces that come back in blocks, for the recorder.

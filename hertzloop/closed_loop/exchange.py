@@ -1,9 +1,10 @@
-"""What stands between a sample and its force, in five kinds.
+"""Where the loop takes the force of a step from, in five kinds.
 
 `KNOWN`: all forces are known before the run. `HELD`: one force, and of what is produced the last
 row is kept. `DIRECT`: law and signal path are in the loop. `LOCK_STEP`: the controller is
 elsewhere; the plant waits in the ring of shared memory until it grants the step, or, without a
-ring, ends until the bus has brought the answer. `CLOCK`: it waits for the clock, and for no force.
+ring, returns to Python until the bus has brought the answer. `CLOCK`: it waits for the clock, and
+takes the newest force.
 
 The kind is a number, so that the loop is compiled once for all of them.
 """
@@ -99,7 +100,7 @@ class Exchange(NamedTuple):
     """An exchange of any kind; what its kind does not need is empty.
 
     Attributes:
-        kind: Of the five above.
+        kind: KNOWN, HELD, DIRECT, LOCK_STEP or CLOCK.
         controller: Law and signal path; elsewhere only its forces, as far as received.
         commands: Force that acts in each step, N; the last one holds.
         grant: What the controller has granted.

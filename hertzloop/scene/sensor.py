@@ -1,19 +1,14 @@
-"""The channels of a run: data acquisition, and the path of the force to the actuator."""
+"""The data-acquisition channel of a run."""
 
-import math
-
-from hertzloop.common.changed_fields import changed_fields
-from hertzloop.controller.controller import SMOOTH_PATH_FIELDS, SignalPath
 from hertzloop.plant.contact.yielding import deepest_rigid_m
-from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.mechanics import Mechanics
 from hertzloop.scene.quantities import SENSED, Expected
-from hertzloop.scene.tables import ActuatorTable, SensorsTable
-from hertzloop.sensors.acquisition import SMOOTH_FIELDS, Fault, SensorSpec
+from hertzloop.scene.tables import SensorsTable
+from hertzloop.sensors.acquisition import Fault, SensorSpec
 
-# A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.
 _RESONANCE_DAMPING = 0.02  # of a bare force cell
 _FAULTY = 0.01  # of samples, where a scene does not say how many
+# A law that looks ahead, as `predicted`, watches from twice the flight in its horizon on.
 _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6
 
 
@@ -92,43 +87,4 @@ def _full_scale(
             velocity_m_s=lambda: force_n / mechanics.local_plate.infinite_plate_impedance_n_s_m,
             contact_s=rigid.contact_s,
         )
-    )
-
-
-def keeps_force_smooth(sensor: SensorSpec, path: SignalPath) -> bool:
-    """Whether sensor and signal path neither lose a command nor make steps in a law's force."""
-    makes_steps = changed_fields(sensor, but=SMOOTH_FIELDS) + changed_fields(
-        path, but=SMOOTH_PATH_FIELDS
-    )
-    return not makes_steps and not path.varies
-
-
-def resolve_signal_path(
-    table: ControllerTable, actuator: ActuatorTable, every_steps: int, step_ns: int
-) -> SignalPath:
-    """The signal path from the law to the actuator."""
-
-    def steps(time_us: float) -> int:
-        return round(time_us * 1000 / step_ns)
-
-    least_us = min(table.latency_trace) if table.latency_trace else table.latency_us
-    least, stuck_s = steps(least_us), actuator.stuck_from_s
-    dead = steps(actuator.dead_time_us or 0.0)
-    tick = every_steps / (1.0 + 1e-6 * table.clock_ppm)
-    first_tick, drifts = table.clock_phase * tick, table.clock_ppm != 0.0
-    if not drifts:  # every command waits for as long
-        dead += math.floor(first_tick + 0.5)
-    return SignalPath(
-        trace=tuple(steps(time_us) - least for time_us in table.latency_trace or ()),
-        resampled=table.latency_trace_use == "resample",
-        dead_steps=dead,
-        stuck_step=None if stuck_s is None else steps(1e6 * stuck_s),
-        latency_steps=least,
-        jitter_steps=round(table.jitter_us * 1000 / step_ns),
-        drop_out_probability=table.drop_out_probability,
-        bits=None if table.bits == "ideal" else int(table.bits),
-        full_scale_n=table.full_scale_n,
-        slew_n_s=table.slew_n_s,
-        tick_steps=tick if drifts else 0.0,
-        first_tick_steps=first_tick if drifts else 0.0,
     )

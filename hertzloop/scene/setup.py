@@ -25,7 +25,8 @@ from hertzloop.scene.loading import parse as parse_scene
 from hertzloop.scene.mechanics import Mechanics, resolve_mechanics
 from hertzloop.scene.plate_model import check_modes, describe_plant, on_infinite_plate
 from hertzloop.scene.scene import Scene
-from hertzloop.scene.sensor import keeps_force_smooth, resolve_sensor, resolve_signal_path
+from hertzloop.scene.sensor import resolve_sensor
+from hertzloop.scene.signal_path import keeps_force_smooth, resolve_signal_path
 from hertzloop.scene.tables import KINDS, RunTable, SensorsTable
 from hertzloop.scene.varying import resolution_of
 from hertzloop.scene.varying import vary as vary_scene
@@ -146,7 +147,8 @@ class Setup:
 
     def with_plate_model(self, plate_model: str) -> "Setup":
         """Return the setup with `run.plate_model` set."""
-        if plate_model == self.plate_model == "modal":  # nothing but the word changes
+        if plate_model == self.plate_model and not self.plant.infinite_plate:
+            # Nothing but the word changes.
             run = self.run.replaced(plate_model=plate_model)
             return replace(self, scene=self.scene.replaced(run=run), run=run)
         return self._with_run(plate_model=plate_model)

@@ -37,11 +37,11 @@ class RunFact(NamedTuple):
 _LONGEST = 200  # characters that are shown of a controller's own words
 _ROWS = ("run", "time", "plate", "contact", "actuator", "residuals")
 _SHARED = {
-    "JOINED": "in the fast lane",
-    "NOT_STATED": "over the bus; the controller knows of no fast lane",
+    "JOINED": "in shared memory",
+    "NOT_STATED": "over the bus; the controller knows of no shared memory",
     "OTHER_HOST": "over the bus, the controller being on another host",
     "NOT_ALLOWED": "over the bus; the controller could not open the plant's shared memory",
-    "SWITCHED_OFF": "over the bus, the controller's fast lane being switched off",
+    "SWITCHED_OFF": "over the bus, the controller not using shared memory",
 }
 
 

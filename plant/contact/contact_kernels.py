@@ -25,7 +25,7 @@ from hertzloop.common.jit import kernel
 
 _NODES = 4
 _NEWTON_MOST, _CORRECTIONS, _HALVINGS = 16, 12, 90
-_TIGHT = 1e-7  # of the force: Newton squares what is left
+_TIGHT = 1e-7  # of the force: without damping Newton squares what is left
 _ROUNDING, _BALANCED = 2e-16, 1e-13  # of the energies at hand: as good as can be, good enough
 _SEARCHED = 16  # parts of a step that are searched for a contact that begins and ends in it
 # Gauss-Legendre nodes and weights on (0, 1).
@@ -130,7 +130,9 @@ def in_series(contact, gap, deepest, guess):
             high = p
         change = wrong / (1.0 + residual * slope)
         done = abs(change) <= 1e-9 * abs(p)
-        if not (done or low < p - change < high):  # in circles, at the deepest penetration so far
+        # The slope jumps at the deepest penetration so far, where Newton may go to and fro; both
+        # ends are known by then.
+        if not (done or low < p - change < high):
             change = p - 0.5 * (low + high)
         p -= change
         force, slope, work = law(contact, p, deepest)
@@ -298,7 +300,7 @@ def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, 
         a, b = 1.0 - found.f0_0, -found.f0_1
         c, d = -found.f1_0, 1.0 - found.f1_1
         det = a * d - b * c
-        if not det > 0.0:
+        if not det > 0.0:  # nor a number
             break
         wrong_0, wrong_1 = f0 - found.f0, f1 - found.f1
         change_0 = (d * wrong_0 - b * wrong_1) / det
@@ -308,7 +310,7 @@ def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, 
         done = abs(change_0) + abs(change_1) <= _TIGHT * (abs(f0) + abs(f1))
         lost, reached = found.lost, found.deepest
     if done:
-        f0, f1, done = _balance(contact, free, by_0, by_1, f0, f1, lost, before, reached)
+        f0, f1, done = _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, reached)
     if not done:
         f0, lost = _solve_discrete_gradient(contact, free, by_0, before, deepest, step_s)
         f1, reached = 0.0, deepest
@@ -316,10 +318,12 @@ def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, 
 
 
 @kernel(copied=True)
-def _balance(contact, free, by_0, by_1, f0, f1, lost, before, deepest):
+def _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, deepest):
     """Least change of F_0, F_1 that closes the energy of the step, and whether it was found.
 
-    The work of F_0 + F_1 P on the modal gap is F_0 (x1 - x0) + F_1 (x1 + x0 - 2 mean).
+    The projection alone misses it a little: the rate of the gap is no linear function of time, so
+    the work of its force is not the change of the stored energy. The work of F_0 + F_1 P on the
+    modal gap is F_0 (x1 - x0) + F_1 (x1 + x0 - 2 mean).
     """
     last = math.inf
     for _ in range(_CORRECTIONS):

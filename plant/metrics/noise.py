@@ -112,8 +112,7 @@ def rebound_height_m(rebound_speed_m_s: float) -> float:
 def closed_forms(
     sphere: Sphere, contact_time_s: float, impact_speed_m_s: float, rebound_speed_m_s: float
 ) -> dict[str, float]:
-    """The fields of `ImpactNoise` that follow from contact time and speeds alone; nan where they
-    are known of a falling ball only.
+    """The fields of `ImpactNoise` that follow from contact time and speeds alone.
 
     Of speeds whose squares no number holds, as of a scheme that diverges, energies are inf.
     """
@@ -127,7 +126,7 @@ def closed_forms(
         return plain | dict.fromkeys(unknown, math.inf)
     radius_m = sphere.radius_m
     return plain | {
-        "rebound_height_m": (rebound_height_m(rebound_speed_m_s)),
+        "rebound_height_m": rebound_height_m(rebound_speed_m_s),
         "longhorn_j": longhorn_j(radius_m, impact_speed_m_s, rebound_speed_m_s),
         "holmes_j": holmes_j(radius_m, impact_speed_m_s, contact_time_s),
         "peak_pressure_pa": peak_pressure_pa(radius_m, impact_speed_m_s, contact_time_s),

@@ -176,6 +176,8 @@ def _of_contact(spec: PlantSpec, linear: Linear, residual: float) -> dict[str, A
     mobility = float(linear.direct[0, 0])
     by_0, by_1 = linear.gain[0, :, 0].T.tolist()
     contact = spec.contact
+    # The gap is sphere minus plate: a unit F_0 lifts the sphere by h^2/2m, its mean by h^2/6m; a
+    # unit F_1 by -h^2/6m and -h^2/12m. Each lowers the plate by its gain.
     return {
         "mass_kg": m,
         "gravity_m_s2": GRAVITY_M_S2,

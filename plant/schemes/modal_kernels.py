@@ -395,7 +395,7 @@ def close_balance(model, state):
     keeps. Returns the `modal_energy` then, J."""
     linear = model.linear
     kept = modal_energy(linear.drive, linear.energy, state.z, state.force)
-    if model.damped:
+    if model.damped:  # else the difference is an error, which the energy residual shows
         state.balance[MODAL_DISSIPATED] = state.balance[WORK] - kept
     return kept
 

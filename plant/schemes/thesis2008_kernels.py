@@ -30,6 +30,7 @@ from hertzloop.plant.state_kernels import (
     CONTACT_STEPS,
     F_A,
     F_C,
+    FALLBACKS,
     FLIGHT_STEP,
     FLIGHT_V,
     FLIGHT_X,
@@ -58,13 +59,11 @@ VISCOUS, RELAXATION, RELAXATION_STATE = range(3)
 # relaxation (N/m^0.5), elastic and damping force of the present sample (N).
 REL_V, REL_A, MEMORY, ELASTIC, DAMPING = range(5)
 MOTION_SIZE = 5
-# Further indices into ThesisState.counts, after those of the modal scheme.
-BEGAN, TOUCHING, NEXT_IMPACT, GAVE_UP = range(
-    state_kernels.COUNTS_SIZE, state_kernels.COUNTS_SIZE + 4
-)
-COUNTS_SIZE = state_kernels.COUNTS_SIZE + 4
+# Further indices into ThesisState.counts, after those of `state_kernels`.
+BEGAN, TOUCHING, NEXT_IMPACT = range(state_kernels.COUNTS_SIZE, state_kernels.COUNTS_SIZE + 3)
+COUNTS_SIZE = state_kernels.COUNTS_SIZE + 3
 _HALVINGS = 200
-_NEWTON_ALLOWED = 12  # then bisection takes turns with Newton
+_NEWTON_ALONE = 12  # then bisection takes turns with Newton
 _ROUNDING = 1e-15
 _DIED_AWAY = 1e-30  # of a mode's first value; numbers that small would become denormal and slow
 _TOUCH_M = 1e-300  # above contact, however the last digit falls
@@ -287,7 +286,7 @@ def _bracketed(model, x, w, push, memory):
             low = a
         trial = a - residual / derivative
         exhausted = False
-        if not low <= trial <= high or (halving > _NEWTON_ALLOWED and halving % 2 == 0):
+        if not low <= trial <= high or (halving > _NEWTON_ALONE and halving % 2 == 0):
             trial = 0.5 * (low + high)
             exhausted = trial <= low or trial >= high
         if trial == a or exhausted:
@@ -366,8 +365,8 @@ def _touch(model, state, n):
         a, iterations = _bracketed(model, x, w, push, memory)
     else:
         a, iterations = _newton_2008(model, a0, x, w, push, memory)
-    if iterations < 0:
-        counts[GAVE_UP] += 1
+    if iterations < 0:  # it gave up
+        counts[FALLBACKS] += 1
         iterations = -iterations
     counts[NEWTON_TOTAL] += iterations
     counts[NEWTON_MAX] = max(counts[NEWTON_MAX], iterations)

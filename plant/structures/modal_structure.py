@@ -151,9 +151,16 @@ class ModalStructure(Structure):
             return self
         return replace(self, mode_table=replace(self.mode_table, shape_actuator=seen))
 
+    @cached_property
+    def struck_at_actuator(self) -> "ModalStructure":
+        """The structure with the contact where the actuator is."""
+        table = self.mode_table
+        return replace(self, mode_table=replace(table, shape_contact=table.shape_actuator))
+
     def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
-        """Static flexibility of all modes above `omega_max`, m/N: those of the file and what is
-        said of those beyond, or that of an infinite plate."""
+        """Static flexibility at the contact of all modes above `omega_max`, m/N: those of the file
+        and what is said of those beyond, or that of an infinite plate. The file says where that is,
+        not the point."""
         table = self.mode_table
         beyond = self.residual if self.residual is not None else table.residual_flexibility_m_n
         if beyond is None:

@@ -72,6 +72,11 @@ class ModeSource(Protocol):
     """how good its modes are, by name; None of a closed form"""
 
     @property
+    def struck_at_actuator(self) -> Self:
+        """The same with the contact where the actuator is, if points do not say where they are."""
+        return self
+
+    @property
     def pushed_at_sensor(self) -> Self:
         """The structure with the actuator where the sensor is, if the points do not say that."""
         return self

@@ -11,11 +11,10 @@ from functools import cached_property
 import numpy as np
 
 from hertzloop.common.elementary_kernels import fill_sines
-from hertzloop.plant.structures import mode_order_kernels
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Modes, ModeSource
+from hertzloop.plant.structures.residual_kernels import flexibility
 
-_SLICE = 8192  # modes that are sorted together, at most; as many bands
 _TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
 
 
@@ -136,28 +135,10 @@ class Plate(ModeSource):
         if point_m is None:
             return beyond_limit
         along_x, along_y, speed = self._squared_wave_numbers(beyond)
-        most = len(along_x) * len(along_y)  # of which only what is written costs anything
-        omega, terms = np.empty(most), np.empty(most)
         x, y = point_m[0] / self.size_m[0], point_m[1] / self.size_m[1]
-        count = mode_order_kernels.flexibilities(
-            along_x,
-            along_y,
-            _sines(len(along_x), x),
-            _sines(len(along_y), y),
-            speed,
-            omega_max,
-            beyond,
-            *_room(along_x, along_y),
-            omega,
-            terms,
-        )
-        return beyond_limit + self.modal_scale_per_kg * float(np.sum(terms[:count]))
-
-
-def _room(along_x: np.ndarray, along_y: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    """How many slices the modes are taken in, and room for rows and bands of a slice."""
-    slices = 1 + len(along_x) * len(along_y) // _SLICE
-    return slices, np.zeros(len(along_y), np.int64), np.zeros(_SLICE + 1, np.int64)
+        sin_x, sin_y = _sines(len(along_x), x), _sines(len(along_y), y)
+        found = flexibility(along_x, along_y, sin_x, sin_y, speed, omega_max, beyond)
+        return beyond_limit + self.modal_scale_per_kg * float(found)
 
 
 def _sines(most: int, share: float) -> np.ndarray:

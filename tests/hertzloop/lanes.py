@@ -1,4 +1,4 @@
-"""Plant and controller in two threads, with the fast lane between them and queues for a bus."""
+"""Plant and controller in two threads, with shared memory between them and queues for a bus."""
 
 import queue
 import threading

@@ -1,4 +1,4 @@
-"""The fast lane: checked against the bus, left when it cannot be. Its bits: test_transports."""
+"""Shared memory: checked against the bus, left when it cannot be. Its bits: test_transports."""
 
 import fcntl
 import os

@@ -1,4 +1,4 @@
-"""The example controller in C on the fast lane: the same bytes as ours, and a named end."""
+"""The example controller in C in shared memory: the same bytes as ours, and a named end."""
 
 import os
 import re

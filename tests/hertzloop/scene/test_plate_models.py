@@ -8,8 +8,8 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.modal import ModalPlant
-from hertzloop.scene.sensor import keeps_force_smooth
 from hertzloop.scene.setup import Setup, load
+from hertzloop.scene.signal_path import keeps_force_smooth
 from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]

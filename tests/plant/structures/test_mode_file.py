@@ -2,6 +2,7 @@
 
 import io
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -153,6 +154,11 @@ def test_a_plate_by_its_modes_is_as_mobile_and_as_soft_as_the_plate():
     limit = 2.0 * np.pi * 5e3
     assert structure.residual_flexibility_m_n(limit) == pytest.approx(
         PLATE.residual_flexibility_m_n(limit, (0.2, 0.17)), rel=0.03
+    )
+    elsewhere = PLATE.modes(2.0 * np.pi * 2e4, (0.31, 0.12), (0.31, 0.12)).at_contact
+    there = replace(structure, mode_table=replace(of_plate(), shape_actuator=elsewhere))
+    assert there.struck_at_actuator.residual_flexibility_m_n(limit) == pytest.approx(
+        PLATE.residual_flexibility_m_n(limit, (0.31, 0.12)), rel=0.03
     )
     given = ModalStructure("m.csv", of_plate(), PLATE.material, PLATE, 3e-8)
     assert given.residual_flexibility_m_n(1e9) == 3e-8
