@@ -43,14 +43,6 @@ _SET_TIMER_SLACK, _SLACK_NS = 29, 1_000  # of prctl; 50 us if not set
 _SEALS = sum(getattr(fcntl, f"F_SEAL_{kind}", 0) for kind in ("GROW", "SEAL", "SHRINK"))
 
 
-class NotShared(Exception):
-    """The ring cannot be joined; `answer` is the SharedMemoryAnswer that says why."""
-
-    def __init__(self, answer: messages.SharedMemoryAnswer) -> None:
-        super().__init__()
-        self.answer = answer
-
-
 def segment_bytes(slots: int) -> int:
     """Size of a segment with `slots` places in each ring."""
     return 8 * (SAMPLE_RING + slots * (SAMPLE_WORDS + ANSWER_WORDS))
@@ -151,28 +143,28 @@ def join(
         return None, messages.NOT_STATED
     if not wanted:
         return None, messages.SWITCHED_OFF
+    namespace = Path("/proc/self/ns/pid")
     try:
+        if not _SEALS or not namespace.exists() or hello.shared_memory.host != host():
+            return None, messages.OTHER_HOST
         return _join(hello), messages.JOINED
-    except NotShared as error:
-        return None, error.answer
     except OSError:
         return None, messages.NOT_ALLOWED
 
 
 def _join(hello: messages.Hello) -> ring_kernels.Ring:
-    if not _SEALS or not Path("/proc/self/ns/pid").exists() or hello.shared_memory.host != host():
-        raise NotShared(messages.OTHER_HOST)
+    """Open the ring. Raises OSError, also for what is no ring of this user's run."""
     place = f"/proc/{hello.shared_memory.pid}/fd/{hello.shared_memory.fd}"
     found = os.stat(place)  # before it is opened: opening a device can do something
     if not stat.S_ISREG(found.st_mode) or found.st_uid != os.geteuid() or found.st_nlink:
-        raise NotShared(messages.NOT_ALLOWED)
+        raise PermissionError("no ring of this run")
     fd = os.open(place, os.O_RDWR | os.O_CLOEXEC)
     try:
         if fcntl.fcntl(fd, fcntl.F_GET_SEALS) != _SEALS:  # it could shrink under the loop
-            raise NotShared(messages.NOT_ALLOWED)
+            raise PermissionError("no ring of this run")
         size = os.fstat(fd).st_size
         if size < segment_bytes(1):
-            raise NotShared(messages.NOT_ALLOWED)
+            raise PermissionError("no ring of this run")
         words = np.frombuffer(mmap.mmap(fd, size), np.int64)
     finally:
         os.close(fd)
@@ -183,6 +175,6 @@ def _join(hello: messages.Hello) -> ring_kernels.Ring:
         hello.run_id,
     )
     if not known or slots < 1 or slots & (slots - 1) or segment_bytes(slots) != size:
-        raise NotShared(messages.NOT_ALLOWED)
+        raise PermissionError("no ring of this run")
     words[JOINED] = hello.run_id
     return _end(words, slots)
