@@ -17,7 +17,7 @@ from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.announcement import controller_report
 from hertzloop.loop.controller_node import ControllerNode
 from hertzloop.loop.events import ControllerEvents
-from hertzloop.loop.plant_node import ExchangeOptions, LoopStats, PlantNode
+from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.plant_streams import EVERY_S, PlantStreams
 from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.loop.stuck_law import watching
@@ -139,8 +139,8 @@ def record_in_process(
 
                 node = ControllerNode(InProcessPort(bus, CONTROLLER, to_controller))
                 given.append(lambda: node.law_samples if node else 0)
-                exchange = ExchangeOptions(options.max_exchange_steps)
-                plant = PlantNode(setup, plant_port, exchange, on_progress)
+                apart = options.model_copy(update={"shared_memory": False})
+                plant = PlantNode(setup, plant_port, apart, on_progress)
                 stats = plant.run()
         recorder.reconcile()
         if faults:

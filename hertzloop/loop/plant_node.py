@@ -47,6 +47,7 @@ from hertzloop.loop.plant_exchange import (
 )
 from hertzloop.loop.plant_streams import PlantStreams
 from hertzloop.loop.repeated_run import RepeatedRun
+from hertzloop.loop.run_options import USUAL_RUN, RunOptions
 from hertzloop.scene.setup import Setup
 
 # Interpreted: once a message, compiling it for that would only lengthen the first run.
@@ -73,30 +74,6 @@ class LoopStats:
     waited_s: float = 0.0
 
 
-@dataclass(frozen=True)
-class ExchangeOptions:
-    """How a plant exchanges samples and forces. Without `pace` nothing here changes a sample.
-
-    Attributes:
-        max_exchange_steps: Most steps between two exchanges. None: as many as are granted.
-        timeout_s: Longest silence of the controller, s.
-        wait_s: The same before its first answer, for which it may compile its law, s.
-        shared_memory: Whether it is offered to a controller on this host.
-        every_s: Least wall time between two blocks of a stream, s.
-        pace: Simulated over wall time, if the plant waits for no force.
-    """
-
-    max_exchange_steps: int | None = None
-    timeout_s: float = 10.0
-    wait_s: float = 0.0
-    shared_memory: bool = False
-    every_s: float = 0.0
-    pace: float | None = None
-
-
-USUAL_EXCHANGE = ExchangeOptions()
-
-
 class PlantNode:
     """Runs a scene through a port, in lock-step with the controller at its other end or at a pace.
 
@@ -109,25 +86,32 @@ class PlantNode:
         self,
         setup: Setup,
         port: Port,
-        options: ExchangeOptions = USUAL_EXCHANGE,
+        options: RunOptions = USUAL_RUN,
         on_progress: Callable[[int], None] = lambda step: None,
         repeat: RepeatedRun | None = None,
+        *,
+        wait_s: float = 0.0,
+        every_s: float = 0.0,
     ) -> None:
         """
         Args:
             setup: Setup of the run.
             port: Port to controller and recorder.
-            options: How samples and forces are exchanged.
+            options: How samples and forces are exchanged; `timeout_s` is the longest silence of the
+                controller. Without `pace` nothing there changes a sample.
             on_progress: Called with the number of finished steps.
             repeat: A recorded run whose commands act, in lock-step. The controller must send the
                 same forces.
+            wait_s: Longest silence before the controller's first answer, for which it may compile
+                its law, s.
+            every_s: Least wall time between two blocks of a stream, s.
 
         Raises:
             SceneError: The processes would time out at this pace.
         """
         self.setup, self.port, self.timeout_s = setup, port, options.timeout_s
         self.on_progress, self._repeat = on_progress, repeat
-        self._wait_s, self._max_steps = options.wait_s, options.max_exchange_steps or math.inf
+        self._wait_s, self._max_steps = wait_s, options.max_exchange_steps or math.inf
         self._paced = Paced(setup, options.pace, self.timeout_s) if options.pace else None
         clock = self._paced.clock if self._paced else NO_CLOCK
         self.exchange = exchange(
@@ -139,7 +123,7 @@ class PlantNode:
         )
         publisher = Publisher(port, new_run_id())
         held = repeat.held_steps if repeat else clock.held_steps if self._paced else None
-        self.streams = PlantStreams(setup, publisher, held, options.every_s)
+        self.streams = PlantStreams(setup, publisher, held, every_s)
         hello = self.streams.hello
         hello.pace, hello.repeats = options.pace or 0.0, repeat.run_id if repeat else 0
         self._memory: SharedMemory | None = None

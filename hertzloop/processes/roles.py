@@ -137,21 +137,21 @@ def run_plant(
 ) -> dict[str, Any]:
     """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a repeat of
     a recorded run, or at a pace; says how fast that went."""
-    from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
+    from hertzloop.loop.plant_node import PlantNode
     from hertzloop.loop.plant_streams import EVERY_S
 
     repeat = repeated_run(read(options.repeat)) if options.repeat else None
     profile = RealtimeProfile(options.realtime, PLANT)
     with _joined(address, PLANT, options) as port:
-        exchange = ExchangeOptions(
-            max_exchange_steps=options.max_exchange_steps,
-            timeout_s=_WAITS[PLANT] * options.timeout_s,
+        node = PlantNode(
+            setup,
+            port,
+            options.model_copy(update={"timeout_s": _WAITS[PLANT] * options.timeout_s}),
+            on_progress,
+            repeat,
             wait_s=address.wait_s,
-            shared_memory=options.shared_memory,
             every_s=0.0 if options.pace else EVERY_S,
-            pace=options.pace,
         )
-        node = PlantNode(setup, port, exchange, on_progress, repeat)
         port.liveliness.announce()
         port.liveliness.wait_for([CONTROLLER, RECORDER], address.wait_s)
         on_ready()

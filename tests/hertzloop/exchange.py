@@ -25,7 +25,8 @@ from hertzloop.bus.streams import (
     StreamFault,
 )
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
+from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.scene.setup import Setup
 
 Alter = Callable[[Envelope], Iterable[Envelope]]
@@ -189,7 +190,10 @@ def exchange(
     links = Links(seed, alter, forge)
     links.controller = controller(links.ports[CONTROLLER])
     plant = PlantNode(
-        scene, links.ports[PLANT], ExchangeOptions(max_exchange_steps, every_s=every_s)
+        scene,
+        links.ports[PLANT],
+        RunOptions(max_exchange_steps=max_exchange_steps, shared_memory=False),
+        every_s=every_s,
     )
     try:
         plant.run()

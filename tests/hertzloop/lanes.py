@@ -10,8 +10,9 @@ from hertzloop.bus.codec import decoded
 from hertzloop.bus.port import BusError, PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, SUBSCRIPTIONS, Envelope, StreamFault
 from hertzloop.loop.controller_node import ControllerNode
-from hertzloop.loop.plant_node import ExchangeOptions, LoopStats, PlantNode
+from hertzloop.loop.plant_node import LoopStats, PlantNode
 from hertzloop.loop.repeated_run import RepeatedRun
+from hertzloop.loop.run_options import RunOptions
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recorder import Recorder
 from hertzloop.recordings.recording import Recording
@@ -72,9 +73,7 @@ class Pair:
         self.plant = PlantNode(
             self.scene,
             self.ports[PLANT],
-            ExchangeOptions(
-                timeout_s=self.timeout_s, shared_memory=self.shared_memory, pace=self.pace
-            ),
+            RunOptions(timeout_s=self.timeout_s, shared_memory=self.shared_memory, pace=self.pace),
             repeat=self.repeat,
         )
         self.controller = ControllerNode(self.ports[CONTROLLER], shared_memory=self.takes_lane)

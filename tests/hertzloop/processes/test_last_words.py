@@ -11,7 +11,8 @@ from hertzloop.bus.codec import decoded
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope
 from hertzloop.bus.zenoh_port import ZenohPort
-from hertzloop.loop.plant_node import ExchangeOptions, PlantNode
+from hertzloop.loop.plant_node import PlantNode
+from hertzloop.loop.run_options import RunOptions
 from tests.bus.meshes import ABSENCE_S, PATIENCE_S, zenoh_mesh
 from tests.hertzloop.commands import EVENTUALLY_S, wait_for
 from tests.hertzloop.short_runs import scene
@@ -36,7 +37,7 @@ def heard_last(port: ZenohPort) -> Envelope:
 
 def test_a_plant_without_a_recorder_tells_the_controller(mesh):
     """What it cannot send any more does not keep it from its last words."""
-    node = PlantNode(scene(), mesh[PLANT], ExchangeOptions(timeout_s=PATIENCE_S))
+    node = PlantNode(scene(), mesh[PLANT], RunOptions(timeout_s=PATIENCE_S))
     mesh[RECORDER].close()
     assert mesh[PLANT].liveliness.wait_until_gone(RECORDER, PATIENCE_S)
     wait_for(mesh[PLANT].pending)  # until it is missed
