@@ -155,6 +155,12 @@ def test_named_files_exist(page):
         assert (ROOT / name).exists(), name
 
 
+def test_citation_and_changelog_have_the_version():
+    version = hertzloop.__version__
+    assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
+    assert (ROOT / "CHANGELOG.md").read_text().partition("\n## [")[2].startswith(f"{version}] - ")
+
+
 def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text().splitlines()) <= 70
 
