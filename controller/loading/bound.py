@@ -111,7 +111,9 @@ class BoundPython(BoundLaw):
             if isinstance(force, BaseException):
                 return f"{where}, failed: {_said(force, self._file)}"
             if not isinstance(force, numbers.Real):
-                return f"{where}, returned {force!r}, which is not a number"
+                return (
+                    f"{where}, returned {force!r}, which is not a number. Return one on every path."
+                )
             if not math.isfinite(force):
                 return f"{where}, commanded {float(force)} N"
         return super().explain(samples, index)

@@ -306,7 +306,8 @@ def read(recording: str | Path) -> Run:
     found = read_recording(Path(recording))
     if found.problems or found.balance is None:
         raise RecordingError(
-            f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}"
+            f"{recording}: {[*found.problems, 'the run has no energy balance'][0]}. To see what "
+            "it holds, use hertzloop inspect, export or replay --alone."
         )
     setup, truth, law, pacing = setup_of(found), truth_of(found), law_of(found), pacing_of(found)
     names = [name for name in (*TRUTH, *HELD) if name in found.truth.arrays]

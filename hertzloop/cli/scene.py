@@ -1,5 +1,6 @@
 """The commands `hertzloop scene ...`: list, show, new, keys, check, modes."""
 
+import re
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -59,9 +60,9 @@ _HEADER = """# A scene for hertzloop: run it with   hertzloop run {name}
 
 def _start_of(file: Path) -> str:
     """Return the text of a new scene: the default scene, with comments."""
-    text = shipped_text(DEFAULT).replace(
-        f'name = "{DEFAULT}"', f'name = "{possible_name(file.stem)}"'
-    )
+    text = re.sub(r"^shows = .*\n", "", shipped_text(DEFAULT), flags=re.MULTILINE)
+    name = f'name = "{possible_name(file.stem)}"  # of its recording, too'
+    text = text.replace(f'name = "{DEFAULT}"', name)
     return _HEADER.format(name=shlex.quote(file.name)) + text
 
 

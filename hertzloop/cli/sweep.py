@@ -179,8 +179,9 @@ def print_results(plan: SweepPlan, target: Path, results: SweepResult) -> dict[s
         others = [key for key in keys if key != TOUCH_PHASE_KEY]
         out.print(phases_table(over_phases, others, shown[:2]))
     rate = results.ran / results.wall_s if results.wall_s else 0.0
+    kept = f"{total - results.ran} finished before, " if results.ran < total else ""
     out.say(
-        f"{results.ran} of {total} cases run in {results.wall_s:z.2f} s: {rate:z.0f} cases/s. "
+        f"{total} cases: {kept}{results.ran} run in {results.wall_s:z.2f} s, {rate:z.0f} cases/s. "
         f"Results: {target}"
     )
     for hint in flight_lines(plan.setup, request.span, rows):

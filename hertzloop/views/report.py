@@ -1,6 +1,7 @@
 """A run or a recording on the terminal: verdict, metrics, warnings and the next command."""
 
 import shlex
+from collections.abc import Sequence
 
 from rich.console import Console
 from rich.text import Text
@@ -46,9 +47,8 @@ def print_run(
     if all(sentence.startswith(OUT_OF_RANGE) for sentence in verdict):
         has_control = ends.result.scene_law != NO_CONTROL
         verdict.append(f"The run has {'' if has_control else 'no '}control.")
-    pieces = pacing_lines(report.inspected.pacing, details) + _metrics(ends, verdict)
-    if warning is not None:
-        pieces.append(warning)
+    beside = [warning] if warning is not None else []
+    pieces = pacing_lines(report.inspected.pacing, details) + _metrics(ends, verdict, beside)
     balance = report.balance
     if balance.newton_fallbacks > _FEW_FALLBACKS * balance.contact_steps:
         words = f"{fallback_words(balance.newton_fallbacks)}. Use a smaller run.step_ns."
@@ -94,11 +94,11 @@ def print_inspection(console: Console, found: Inspected, details: bool = False) 
     print_all(console, [*pieces, *next_lines(str(recording.path))])
 
 
-def _metrics(found: Assessment, verdict: list[str]) -> Pieces:
-    """Return verdict, metrics and warnings of a run."""
+def _metrics(found: Assessment, verdict: list[str], beside: Sequence[Text] = ()) -> Pieces:
+    """Return verdict, metrics and warnings of a run; `beside`: lines that go with the verdict."""
     metrics = found.result.metrics
     table = [metrics_table(found.result, found.rows)] if metrics.impacts else []
-    return [*verdict_lines(verdict), *table, *warning_lines(metrics.neglected.checks)]
+    return [*verdict_lines(verdict), *beside, *table, *warning_lines(metrics.neglected.checks)]
 
 
 def _details(found: Assessment, facts: Table) -> Pieces:
