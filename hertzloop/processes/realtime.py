@@ -6,6 +6,7 @@ Only what it hears is taken in at once, or the plant would wait for room on the 
 """
 
 import gc
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -17,6 +18,7 @@ from hertzloop.bus.streams import RECORDER
 PRIORITY = 50  # of a loop; threads of its bus one above
 _RECORDER_NICE = -10
 _LOOPS = 2  # plant and controller
+_MORE_THAN = {"off": math.inf, "auto": _LOOPS, "on": 0}  # cores, for the profile to be taken
 
 
 class RealtimeProfile:
@@ -30,7 +32,7 @@ class RealtimeProfile:
         """`wanted`: auto takes it where it leaves a core to others."""
         self._role, self._in_class, self.line = role, False, "off"
         cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_setscheduler") else []
-        self._taken = wanted != "off" and len(cores) > (_LOOPS if wanted == "auto" else 0)
+        self._taken = len(cores) > _MORE_THAN[wanted]
         if wanted == "auto" and not self._taken:
             self.line = f"off, because the loops would take all {len(cores)} cores"
         if not self._taken:
