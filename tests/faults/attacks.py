@@ -22,7 +22,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -56,11 +57,17 @@ from tests.hertzloop.commands import (
 from tests.tables import markdown
 
 STRANGER = "other peer"
-SETTINGS = as_options(["run.duration_s=0.3", "run.accuracy=0.1"])
-PLANT_WORDS = ["aluminium-3mm", *SETTINGS, "--max-exchange-steps", "200"]
+OBSERVER = "an observer that hangs"
+DURATION_S, LONG_S = 0.3, 19.0  # of a run; of one that another peer is to end
 TIMEOUT_S, HANGS_S = 4.0, 60.0
 UNDER_WAY, MOST_S = 50_000, 0.5  # bytes of a recording; a random time after that
 LARGEST_NUMBER = 60  # of a message that is wrong
+
+
+def plant_words(duration_s: float = DURATION_S) -> list[str]:
+    """What is run."""
+    settings = as_options([f"run.duration_s={duration_s}", "run.accuracy=0.1"])
+    return ["aluminium-3mm", *settings, "--max-exchange-steps", "200"]
 
 
 @dataclass(frozen=True)
@@ -209,7 +216,7 @@ def _second(stranger: Stranger, stream: str) -> None:
     words = ["--name", stranger.bus.name, "--wait", "5", "--listen", "tcp/127.0.0.1:0"]
     for url in stranger.bus.urls.values():
         words += ["--connect", url]
-    words = ["node", role, *(PLANT_WORDS if role == PLANT else []), *words]
+    words = ["node", role, *(plant_words() if role == PLANT else []), *words]
     _begin(stranger.stack, [*HERTZLOOP, *words])
 
 
@@ -221,7 +228,8 @@ def _observer(stranger: Stranger, stream: str) -> None:
     process = context.Process(target=_hear_all, args=(bus.name, [*bus.urls.values()], begun))
     process.start()
     stranger.stack.callback(process.kill)
-    begun.wait()
+    if not begun.wait(HANGS_S):
+        raise NotReached("the observer heard nothing")
     os.kill(process.pid or 0, signal.SIGSTOP)
 
 
@@ -249,7 +257,7 @@ DEEDS: dict[str, Callable[[Stranger, str], None]] = {
     "a completion": _completion,
     "60 connections": _connections,
     "a second process": _second,
-    "an observer that hangs": _observer,
+    OBSERVER: _observer,
 }
 # What need not end a run.
 HARMLESS = ("a token", "a completion", "60 connections", "a second process")
@@ -257,7 +265,7 @@ HARMLESS = ("a token", "a completion", "60 connections", "a second process")
 
 def undisturbed(folder: Path) -> Recording:
     """The recording of a run that nobody attacks."""
-    hertzloop("run", *PLANT_WORDS, "--out", str(folder / "reference.mcap"))
+    hertzloop("run", *plant_words(), "--out", str(folder / "reference.mcap"))
     return read(folder / "reference.mcap")
 
 
@@ -265,8 +273,9 @@ def attacked(attack: Attack, reference: Recording, folder: Path) -> Outcome:
     """Start a run, attack it, and wait for the end. Raises NotReached."""
     bus, recording = Bus(f"attacked-{secrets.token_hex(4)}"), folder / "run.mcap"
     shared = [] if attack.shared_memory else ["--no-shared-memory"]
+    ended_by_other = attack.who == STRANGER and attack.how not in HARMLESS
     words = {
-        PLANT: [*PLANT_WORDS, *shared],
+        PLANT: [*plant_words(LONG_S if ended_by_other else DURATION_S), *shared],
         CONTROLLER: shared,
         RECORDER: ["--out", str(recording)],
     }
@@ -313,12 +322,13 @@ def _words(attack: Attack) -> list[str]:
     stream = f"stream '{attack.stream}'"
     return {
         "lost": [stream, "waited"],
+        "reordered": [stream, "waited"],
         "other scene": ["scene"],
         "other law": ["law"],
         "messages": ["is incomplete"],
         "samples": ["is incomplete"],
         "an end": [f"stream 'end/{STREAMS[attack.stream].publisher}'"],
-        "an observer that hangs": ["an observer accepted no message"],
+        OBSERVER: ["an observer accepted no message"],
     }.get(attack.how, [stream])
 
 
@@ -381,28 +391,37 @@ def main() -> int:
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--tries", type=int, default=60)
     options.add_argument("--seed", type=int, default=secrets.randbits(32))
+    options.add_argument("--at-once", type=int, default=1, help="tries that share the machine")
     wish = "write the table to docs/evidence/faults.md"
     options.add_argument("--page", action="store_true", help=wish)
     given = options.parse_args()
     print(f"seed {given.seed}", flush=True)
     random_ = random.Random(given.seed)
     tried: list[tuple[Attack, Outcome]] = []
+
+    def one(attack: Attack) -> None:
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                outcome = attacked(attack, reference, Path(folder))
+        except NotReached as error:
+            print(f"{attack}: {error}", file=sys.stderr, flush=True)
+            return
+        tried.append((attack, outcome))
+        if outcome.wrong:
+            print(f"{attack}: {outcome}", file=sys.stderr, flush=True)
+
     with tempfile.TemporaryDirectory() as folder:
         reference = undisturbed(Path(folder))
-        while len(tried) < given.tries:
-            attack = draw(random_)
+        with ThreadPoolExecutor(given.at_once) as pool, suppress(KeyboardInterrupt):
             try:
-                with tempfile.TemporaryDirectory() as own:
-                    outcome = attacked(attack, reference, Path(own))
-            except NotReached as error:
-                print(f"{attack}: {error}", file=sys.stderr, flush=True)
-                continue
-            tried.append((attack, outcome))
-            if outcome.wrong:
-                print(f"{attack}: {outcome}", file=sys.stderr, flush=True)
+                for _ in pool.map(one, [draw(random_) for _ in range(given.tries)]):
+                    pass
+            finally:  # an interrupt waits for those that are under way
+                pool.shutdown(cancel_futures=True)
     print(made := table(tried))
     if given.page:
         command = f"python -m tests.faults.attacks --tries {given.tries} --seed {given.seed}"
+        command += f" --at-once {given.at_once}" if given.at_once > 1 else ""
         page.put("attacks", command, made)
     return int(any(outcome.wrong for _, outcome in tried))
 

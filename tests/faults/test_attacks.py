@@ -1,0 +1,31 @@
+"""A few attacks on the bus of a run; a long series: see `tests.faults.attacks`."""
+
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from hertzloop.bus.streams import CONTROLLER, PLANT
+from tests.faults.attacks import STRANGER, Attack, attacked, undisturbed
+
+ATTACKS = [
+    Attack(CONTROLLER, "lost", "force", 3),
+    Attack(CONTROLLER, "messages", "end/controller"),
+    Attack(PLANT, "repeated", "truth", 2, shared_memory=False),
+    Attack(STRANGER, "the next message", "daq"),
+]
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    return undisturbed(tmp_path_factory.mktemp("reference"))
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("warm_kernels")
+@pytest.mark.parametrize("attack", ATTACKS, ids=str)
+def test_attacks(attack, reference):
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = attacked(attack, reference, Path(folder))
+    assert outcome.wrong == [], outcome
+    assert not outcome.complete
