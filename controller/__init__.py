@@ -1,1 +1,1 @@
-"""Force laws, the latency line between law and actuator, force quantisation."""
+"""Force laws, the signal path between law and actuator, force quantisation."""

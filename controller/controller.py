@@ -1,4 +1,4 @@
-"""A controller made from a description: law, latency line, converter."""
+"""A controller made from a description: law, signal path, converter."""
 
 import math
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
-from hertzloop.controller.kernels import LINE_COUNTS
+from hertzloop.controller.kernels import SIGNAL_PATH_COUNTS
 from hertzloop.controller.loading.bound import BoundLaw, BrokenPromise, LawFault
 
 # Random streams; the sensor's noise and the touch phase are others.
@@ -88,12 +88,12 @@ SMOOTH_PATH_FIELDS = frozenset(
 
 
 class Controller:
-    """Law and line for a run of `steps` steps, sampled every `every_steps` steps."""
+    """Law and signal path for a run of `steps` steps, sampled every `every_steps` steps."""
 
     def __init__(
         self,
         law: BoundLaw,
-        line: SignalPath,
+        path: SignalPath,
         step_s: float,
         steps: int,
         every_steps: int,
@@ -103,25 +103,25 @@ class Controller:
         self.bound = law
         self.law = law.model
         self.law_state = laws.first_state(law.state.data, samples)
-        added, dropped = _added_steps(line, samples, every_steps, seed)
-        full_scale = line.full_scale_n or 0.0
-        if line.bits is not None and line.full_scale_n is None:
+        added, dropped = _added_steps(path, samples, every_steps, seed)
+        full_scale = path.full_scale_n or 0.0
+        if path.bits is not None and path.full_scale_n is None:
             raise ValueError("a converter with bits needs a full-scale force")
-        last_code = 2 ** (line.bits - 1) - 1 if line.bits is not None else 0
-        self.line = controller_kernels.LineModel(
+        last_code = 2 ** (path.bits - 1) - 1 if path.bits is not None else 0
+        self.path = controller_kernels.SignalPathModel(
             every_steps=every_steps,
-            latency_steps=line.latency_steps,
+            latency_steps=path.latency_steps,
             added_steps=added,
             dropped=dropped,
-            ideal=line.bits is None,
-            limited=line.full_scale_n is not None,
+            ideal=path.bits is None,
+            limited=path.full_scale_n is not None,
             full_scale_n=full_scale,
             lsb_n=full_scale / last_code if last_code else 1.0,
             last_code=last_code,
-            slew_n=math.inf if line.slew_n_s is None else line.slew_n_s * step_s,
+            slew_n=math.inf if path.slew_n_s is None else path.slew_n_s * step_s,
         )
-        self.line_state = controller_kernels.LineState(
-            np.full(steps, np.nan), np.zeros(LINE_COUNTS, np.int64), np.zeros(2)
+        self.path_state = controller_kernels.SignalPathState(
+            np.full(steps, np.nan), np.zeros(SIGNAL_PATH_COUNTS, np.int64), np.zeros(2)
         )
         self.forces = np.zeros(steps)
 
@@ -144,36 +144,36 @@ class Controller:
             raise LawFault(self.bound.explain(seen, self.failed_at))
 
 
-def latency_steps(line: SignalPath, steps: int, every_steps: int, seed: int) -> np.ndarray:
-    """Return the latency of each command before the line orders them, in steps, shape (samples,).
+def latency_steps(path: SignalPath, steps: int, every_steps: int, seed: int) -> np.ndarray:
+    """Return the latency of each command before they are put in order, in steps, shape (samples,).
 
     Args as of `mean_latency_steps`.
     """
     samples = -(-steps // every_steps)
-    added, _ = _added_steps(line, samples, every_steps, seed)
-    return np.full(samples, line.latency_steps) + (added if added.size else 0)
+    added, _ = _added_steps(path, samples, every_steps, seed)
+    return np.full(samples, path.latency_steps) + (added if added.size else 0)
 
 
-def mean_latency_steps(line: SignalPath, steps: int, every_steps: int, seed: int) -> float:
+def mean_latency_steps(path: SignalPath, steps: int, every_steps: int, seed: int) -> float:
     """Mean latency of the force that acts, in steps.
 
     Commands keep their order, so that under jitter and traces this is more than the mean of the
     latencies: a command that would overtake an earlier one waits for it.
 
     Args:
-        line: Latency line between law and actuator.
+        path: Signal path between law and actuator.
         steps: Steps of the run.
         every_steps: Steps between two samples.
         seed: Seed of the run.
 
     Returns:
         Mean over all steps from the first command on. It counts as `controller.latency_us` does:
-        without jitter, traces and drop-outs it is `line.latency_steps`. NaN if no command acts.
+        without jitter, traces and drop-outs it is `path.latency_steps`. NaN if no command acts.
     """
     samples = -(-steps // every_steps)
-    added, dropped = _added_steps(line, samples, every_steps, seed)
+    added, dropped = _added_steps(path, samples, every_steps, seed)
     taken = np.arange(samples) * every_steps
-    acts = taken + 1 + line.latency_steps + (added if added.size else 0)
+    acts = taken + 1 + path.latency_steps + (added if added.size else 0)
     if dropped.size:
         taken, acts = taken[~dropped], acts[~dropped]
     acts = np.maximum.accumulate(acts)
@@ -186,33 +186,32 @@ def mean_latency_steps(line: SignalPath, steps: int, every_steps: int, seed: int
 
 
 def _added_steps(
-    line: SignalPath, samples: int, every_steps: int, seed: int
+    path: SignalPath, samples: int, every_steps: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the latency of each command beyond `latency_steps`, in steps, and whether it is lost.
 
     An array is empty if no command has such a latency, or none is lost.
     """
     added, dropped = np.empty(0, np.int64), np.empty(0, np.bool_)
-    if line.jitter_steps > 0:
-        added = _random(seed, _JITTER_STREAM).integers(0, line.jitter_steps + 1, samples)
-    if line.trace or line.dead_steps or line.tick_steps:
-        traced = _traced(line, samples, seed) + line.dead_steps
-        traced += _waits(line, samples, every_steps)
+    if path.jitter_steps > 0:
+        added = _random(seed, _JITTER_STREAM).integers(0, path.jitter_steps + 1, samples)
+    if path.trace or path.dead_steps or path.tick_steps:
+        traced = _traced(path, samples, seed) + path.dead_steps
+        traced += _waits(path, samples, every_steps)
         added = traced if added.size == 0 else added + traced
-    if line.drop_out_probability > 0.0:
-        dropped = _random(seed, _DROP_OUT_STREAM).random(samples) < line.drop_out_probability
-    if line.stuck_step is not None:
-        acts = np.arange(samples) * every_steps + 1 + line.latency_steps
-        late = (acts if added.size == 0 else acts + added) >= line.stuck_step
+    if path.drop_out_probability > 0.0:
+        dropped = _random(seed, _DROP_OUT_STREAM).random(samples) < path.drop_out_probability
+    if path.stuck_step is not None:
+        acts = np.arange(samples) * every_steps + 1 + path.latency_steps
+        late = (acts if added.size == 0 else acts + added) >= path.stuck_step
         dropped = late if dropped.size == 0 else dropped | late
     return added, dropped
 
 
-def _traced(line: SignalPath, samples: int, seed: int) -> np.ndarray:
-    """Latency of each sample beyond the least one by the trace of a line, in steps; zeros without
-    a trace."""
-    trace = np.array(line.trace or (0,), np.int64)
-    if not line.resampled:
+def _traced(path: SignalPath, samples: int, seed: int) -> np.ndarray:
+    """Latency of each sample beyond the least one by its trace, in steps; zeros without a trace."""
+    trace = np.array(path.trace or (0,), np.int64)
+    if not path.resampled:
         return np.resize(trace, samples)
     length = min(_BLOCK, trace.size)
     blocks = -(-samples // length)
@@ -221,12 +220,12 @@ def _traced(line: SignalPath, samples: int, seed: int) -> np.ndarray:
     return trace[places.ravel()[:samples]]
 
 
-def _waits(line: SignalPath, samples: int, every_steps: int) -> np.ndarray:
+def _waits(path: SignalPath, samples: int, every_steps: int) -> np.ndarray:
     """Steps from each sample to the first tick at or after it; zeros without a clock."""
-    if not line.tick_steps:
+    if not path.tick_steps:
         return np.zeros(samples, np.int64)
-    until = line.first_tick_steps + _TICK_ROUNDING - np.arange(samples) * every_steps
-    return np.floor(np.mod(until, line.tick_steps) + 0.5).astype(np.int64)
+    until = path.first_tick_steps + _TICK_ROUNDING - np.arange(samples) * every_steps
+    return np.floor(np.mod(until, path.tick_steps) + 0.5).astype(np.int64)
 
 
 def _random(seed: int, stream: int) -> np.random.Generator:

@@ -1,4 +1,4 @@
-"""Compiled kernels of the controller: the line from a law's commands to one actuator force a step.
+"""Compiled kernels of the controller: from a law's commands to one actuator force a step.
 
 With latency L the command of sample i, taken at step i n, acts from step i n + 1 + L. Latency is
 applied here alone, by `_schedule`: a force is sent with the step in which it acts. A controller
@@ -13,15 +13,15 @@ import numpy as np
 from hertzloop.common.jit import kernel
 from hertzloop.controller import law_kernels as laws
 
-# Indices into the line's counts and values.
-# Steps, the third of a force not zero; SCHEDULED: samples whose command has entered the line.
+# Indices into the counts and values of a signal path.
+# Steps, the third of a force not zero; SCHEDULED: samples whose command has entered it.
 EMITTED, LAST_ACTING, LAST_PUSHING, SCHEDULED = range(4)
-LINE_COUNTS = 4
+SIGNAL_PATH_COUNTS = 4
 HELD, OUTPUT = range(2)
 
 
-class LineModel(NamedTuple):
-    """Latency line and converter; arrays hold one value a sample or are empty."""
+class SignalPathModel(NamedTuple):
+    """Latency and converter of a signal path; arrays hold one value a sample or are empty."""
 
     every_steps: int
     latency_steps: int
@@ -35,7 +35,7 @@ class LineModel(NamedTuple):
     slew_n: float  # largest change in a step; inf without a limit
 
 
-class LineState(NamedTuple):
+class SignalPathState(NamedTuple):
     """`scheduled[j]`: command that starts to act at step j, NaN where none does."""
 
     scheduled: np.ndarray
@@ -59,17 +59,17 @@ def convert_force(model, force):
 
 
 @kernel(part=True)
-def _schedule(line, state, index, command):
-    """Enter the command of sample `index`, the next one, into the line."""
+def _schedule(path, state, index, command):
+    """Enter the command of sample `index`, the next one, into the signal path."""
     state.counts[SCHEDULED] = index + 1
-    if line.dropped.size > 0 and line.dropped[index]:
+    if path.dropped.size > 0 and path.dropped[index]:
         return
-    acts = index * line.every_steps + 1 + line.latency_steps
-    if line.added_steps.size > 0:
-        acts += line.added_steps[index]
-    acts = max(acts, state.counts[LAST_ACTING])  # the line keeps the order of its commands
+    acts = index * path.every_steps + 1 + path.latency_steps
+    if path.added_steps.size > 0:
+        acts += path.added_steps[index]
+    acts = max(acts, state.counts[LAST_ACTING])  # it keeps the order of its commands
     state.counts[LAST_ACTING] = acts
-    force = convert_force(line, command)
+    force = convert_force(path, command)
     if force != 0.0:
         state.counts[LAST_PUSHING] = acts
     if acts < state.scheduled.size:
@@ -77,7 +77,7 @@ def _schedule(line, state, index, command):
 
 
 @kernel(part=True)
-def _emit(line, state, end, forces):
+def _emit(path, state, end, forces):
     """Write the actuator force of all steps before `end` that are still open."""
     values, counts = state.values, state.counts
     end = min(end, forces.size)
@@ -85,36 +85,36 @@ def _emit(line, state, end, forces):
         if not math.isnan(state.scheduled[j]):
             values[HELD] = state.scheduled[j]
         change = values[HELD] - values[OUTPUT]
-        if abs(change) <= line.slew_n:
+        if abs(change) <= path.slew_n:
             values[OUTPUT] = values[HELD]
         else:
-            values[OUTPUT] += line.slew_n if change > 0.0 else -line.slew_n
+            values[OUTPUT] += path.slew_n if change > 0.0 else -path.slew_n
         forces[j] = values[OUTPUT]
     counts[EMITTED] = max(counts[EMITTED], end)
 
 
 @kernel(part=True)
-def control_sample(law, law_state, line, line_state, value, forces):
-    """One sample through law and line; `forces` is final up to the line's EMITTED step."""
+def control_sample(law, law_state, path, path_state, value, forces):
+    """One sample through law and signal path; `forces` is final up to its EMITTED step."""
     index = law_state.counts[laws.SAMPLES]
     command = laws.command_for_sample(law, law_state, value)
-    if index >= line_state.counts[SCHEDULED]:
-        _schedule(line, line_state, index, command)
-    _emit(line, line_state, (index + 1) * line.every_steps + 1 + line.latency_steps, forces)
+    if index >= path_state.counts[SCHEDULED]:
+        _schedule(path, path_state, index, command)
+    _emit(path, path_state, (index + 1) * path.every_steps + 1 + path.latency_steps, forces)
 
 
 @kernel
-def schedule_ahead(law_state, line, line_state, forces):
+def schedule_ahead(law_state, path, path_state, forces):
     """Extend the forces by the commands that the law has given for samples to come."""
     commanded = law_state.counts[laws.COMMANDED]
     if commanded > law_state.counts[laws.SAMPLES]:
-        for future in range(line_state.counts[SCHEDULED], commanded):
-            _schedule(line, line_state, future, law_state.ahead[future])
-        _emit(line, line_state, commanded * line.every_steps + 1 + line.latency_steps, forces)
+        for future in range(path_state.counts[SCHEDULED], commanded):
+            _schedule(path, path_state, future, law_state.ahead[future])
+        _emit(path, path_state, commanded * path.every_steps + 1 + path.latency_steps, forces)
 
 
 @kernel
-def is_quiet(line_state):
+def is_quiet(path_state):
     """Whether no force acts, and none is on its way."""
-    quiet = line_state.values[HELD] == 0.0 and line_state.values[OUTPUT] == 0.0
-    return quiet and line_state.counts[LAST_PUSHING] < line_state.counts[EMITTED]
+    quiet = path_state.values[HELD] == 0.0 and path_state.values[OUTPUT] == 0.0
+    return quiet and path_state.counts[LAST_PUSHING] < path_state.counts[EMITTED]

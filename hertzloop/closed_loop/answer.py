@@ -80,8 +80,8 @@ def answer(controller, job, limit):
             controller_kernels.control_sample(
                 controller.law,
                 controller.law_state,
-                controller.line,
-                controller.line_state,
+                controller.path,
+                controller.path_state,
                 value,
                 controller.forces,
             )
@@ -93,7 +93,10 @@ def answer(controller, job, limit):
             return REACHED
         if job.commands_ahead:
             controller_kernels.schedule_ahead(
-                controller.law_state, controller.line, controller.line_state, controller.forces
+                controller.law_state,
+                controller.path,
+                controller.path_state,
+                controller.forces,
             )
 
 

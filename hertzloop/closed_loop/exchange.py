@@ -24,7 +24,7 @@ from hertzloop.closed_loop.grant import Grant
 from hertzloop.common.jit import kernel
 from hertzloop.controller import kernels as controller_kernels
 from hertzloop.controller import law_kernels as laws
-from hertzloop.controller.kernels import LineModel, LineState
+from hertzloop.controller.kernels import SignalPathModel, SignalPathState
 from hertzloop.controller.law_kernels import LawModel, LawState
 from hertzloop.plant.metrics import impact_kernels
 from hertzloop.plant.metrics.impact_kernels import BACK, OVER, ImpactFollower
@@ -91,8 +91,8 @@ class ControllerSide(NamedTuple):
 
     law: LawModel
     law_state: LawState
-    line: LineModel
-    line_state: LineState
+    path: SignalPathModel
+    path_state: SignalPathState
     forces: np.ndarray
 
 
@@ -149,8 +149,8 @@ def put(exchange, unsent, step, value):
         controller_kernels.control_sample(
             controller.law,
             controller.law_state,
-            controller.line,
-            controller.line_state,
+            controller.path,
+            controller.path_state,
             value,
             controller.forces,
         )
@@ -300,14 +300,14 @@ def is_over(exchange, side, unsent, gap):
     impact_kernels.follow(impact, body[F_C], body[F_A], gap)
     if impact.counts[OVER] == 1:
         return True
-    line_state = controller.line_state
-    if not impact_kernels.is_silent(impact) or not controller_kernels.is_quiet(line_state):
+    path_state = controller.path_state
+    if not impact_kernels.is_silent(impact) or not controller_kernels.is_quiet(path_state):
         return False
     if body[ACTUATOR_F] != 0.0 or body[ACTUATOR_RATE] != 0.0:
         return False  # the actuator still answers
     if impact.counts[BACK] != 1 and not _stays_quiet(exchange, side, unsent):
         return False
-    # The line says what comes from the emitted forces on, which latency puts ahead.
+    # The signal path says what comes from the emitted forces on, which latency puts ahead.
     for step in range(unsent.counts[OBSERVED], grants.known_until(controller)):
         if controller.forces[step] != 0.0:
             return False

@@ -50,13 +50,13 @@ def no_grant(loop_delay_steps: int) -> Grant:
 @kernel(copied=True)
 def known_until(controller):
     """Return the first step whose force the controller does not know."""
-    return controller.line_state.counts[EMITTED]
+    return controller.path_state.counts[EMITTED]
 
 
 @kernel(part=True)
 def trigger_level(controller):
     """Return the level above which samples leave the force at zero; inf without one."""
-    if not controller_kernels.is_quiet(controller.line_state):
+    if not controller_kernels.is_quiet(controller.path_state):
         return math.inf
     return laws.trigger_level(controller.law, controller.law_state)
 

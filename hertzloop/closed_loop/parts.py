@@ -20,7 +20,7 @@ from hertzloop.closed_loop.exchange import (
 from hertzloop.closed_loop.grant import no_grant
 from hertzloop.closed_loop.loop import PlantSide
 from hertzloop.controller.controller import Controller
-from hertzloop.controller.kernels import LINE_COUNTS, LineModel, LineState
+from hertzloop.controller.kernels import SIGNAL_PATH_COUNTS, SignalPathModel, SignalPathState
 from hertzloop.controller.law_kernels import LawModel, first_state
 from hertzloop.plant.metrics.impact_kernels import NEVER, ImpactFollower
 from hertzloop.plant.plant import Plant
@@ -50,8 +50,8 @@ def plant_side(plant: Plant, sensor: Sensor = _NO_SENSOR) -> PlantSide:
 
 def controller_side(controller: Controller) -> ControllerSide:
     """Return a controller as the loop takes it."""
-    law, line = (controller.law, controller.law_state), (controller.line, controller.line_state)
-    return ControllerSide(*law, *line, controller.forces)
+    law, path = controller.law, controller.path
+    return ControllerSide(law, controller.law_state, path, controller.path_state, controller.forces)
 
 
 def elsewhere(forces: np.ndarray) -> ControllerSide:
@@ -60,8 +60,8 @@ def elsewhere(forces: np.ndarray) -> ControllerSide:
     return ControllerSide(
         LawModel(0, 0, 0, 0, np.zeros(0, np.uint8)),
         first_state(none, 0),
-        LineModel(1, 0, none, np.zeros(0, np.bool_), *converter),
-        LineState(np.zeros(0), np.zeros(LINE_COUNTS, np.int64), np.zeros(2)),
+        SignalPathModel(1, 0, none, np.zeros(0, np.bool_), *converter),
+        SignalPathState(np.zeros(0), np.zeros(SIGNAL_PATH_COUNTS, np.int64), np.zeros(2)),
         forces,
     )
 

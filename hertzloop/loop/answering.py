@@ -75,7 +75,7 @@ class Answering:
         self.total = len(controller.law_state.history)
         self.idle_s = 0.0
         self._last_sample_s = 0.0
-        self._replied_step = int(controller.line_state.counts[EMITTED])
+        self._replied_step = int(controller.path_state.counts[EMITTED])
         # Blocks from the bus that the ring has not reached: sequence, first sample, end, checksum.
         self._unchecked: list[tuple[int, int, int, int]] = []
 
@@ -174,8 +174,8 @@ class Answering:
     def reply(self) -> AnswerBlock:
         """Return the answers since the last call. A force that is not in the ring is left out."""
         now, first, samples = self._job, self._replied_step, self.samples
-        own, line = now.ring.own, self._controller.line_state
-        end = int(own[FORCES_PUT] if self.in_ring else line.counts[EMITTED])
+        own, path = now.ring.own, self._controller.path_state
+        end = int(own[FORCES_PUT] if self.in_ring else path.counts[EMITTED])
         count, left = samples - now.first, self.taken - samples
         modes, delays = now.modes[:count].copy(), now.delays[:count].copy()
         for row in (now.modes, now.delays):

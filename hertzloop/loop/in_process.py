@@ -64,7 +64,7 @@ def run_compiled(
             count = streams.samples_waiting()
             streams.send_samples()
             streams.send_truth()
-            end = int(controller.line_state.counts[EMITTED])
+            end = int(controller.path_state.counts[EMITTED])
             answer = ForceBlock(
                 first_step=sent,
                 step_ns=setup.run.step_ns,

@@ -14,8 +14,8 @@ from tests.controller.specs import LawSpec
 OFF = LawSpec("off", 1.0)
 
 
-def line_of(bits: int | None, full_scale: float | None) -> k.LineModel:
-    return make(OFF, SignalPath(bits=bits, full_scale_n=full_scale), 1).line
+def line_of(bits: int | None, full_scale: float | None) -> k.SignalPathModel:
+    return make(OFF, SignalPath(bits=bits, full_scale_n=full_scale), 1).path
 
 
 BITS = st.integers(2, 24)

@@ -56,7 +56,7 @@ def simulated(line: SignalPath, every_steps: int, seed: int) -> float:
     bound = LawSpec("force_feedback", 1.0, gain=1.0).bound(1e-6)
     controller = Controller(bound, line, 1e-6, STEPS, every_steps, seed)
     answer_samples(controller, 1.0 + np.arange(samples) * every_steps, commands_ahead=False)
-    acting = controller.forces[: int(controller.line_state.counts[EMITTED])]
+    acting = controller.forces[: int(controller.path_state.counts[EMITTED])]
     step = np.arange(len(acting))
     begun = acting > 0.0
     age = step - (acting - 1.0) - 1.0 - 0.5 * (every_steps - 1)

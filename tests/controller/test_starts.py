@@ -37,6 +37,6 @@ def test_random_numbers_are_those_of_all_earlier_runs():
     noise = Sensor(SensorSpec(noise_rms=2.0, every_steps=2), 1e-6, 50, seed=7).model.noise
     assert np.array_equal(noise, 2.0 * numbers(1).standard_normal(25))
     both = SignalPath(jitter_steps=5, drop_out_probability=0.3)
-    line = make(CONSTANT, both, 50, seed=7, after=0).line
+    line = make(CONSTANT, both, 50, seed=7, after=0).path
     assert np.array_equal(line.added_steps, numbers(2).integers(0, 6, 50))
     assert np.array_equal(line.dropped, numbers(3).random(50) < 0.3)

@@ -49,8 +49,8 @@ def fingerprint() -> str:
                         digest.update(part)
                 digest.update(controller.law_state.counts)
                 digest.update(controller.law_state.record)
-                digest.update(controller.line_state.values)
-    digest.update(np.array([k.convert_force(controller.line, x) for x in samples]))
+                digest.update(controller.path_state.values)
+    digest.update(np.array([k.convert_force(controller.path, x) for x in samples]))
     return digest.hexdigest()
 
 

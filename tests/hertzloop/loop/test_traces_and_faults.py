@@ -63,7 +63,7 @@ def test_a_trace_is_repeated_or_resampled_by_the_seed(trace):
     assert digest(given, resampled) != digest(given, resampled, "run.seed=2")
     bound = find("off").bind(Keys(), LawContext())
     path = SignalPath(trace=tuple(range(1000)), resampled=True)
-    kept = Controller(bound, path, 1e-6, 2000, 1, 1).line.added_steps
+    kept = Controller(bound, path, 1e-6, 2000, 1, 1).path.added_steps
     assert 0.95 < np.mean(np.diff(kept) == 1) < 1.0  # blocks keep the autocorrelation
 
 
@@ -146,7 +146,7 @@ def test_the_first_sample_has_no_reading_before_it_that_a_fault_could_repeat(fau
 def test_an_actuator_may_be_late_or_stuck():
     def line(**given):
         bound = find("off").bind(Keys(), LawContext())
-        return Controller(bound, SignalPath(**given), 1e-6, 20, 1, 1).line
+        return Controller(bound, SignalPath(**given), 1e-6, 20, 1, 1).path
 
     assert line().added_steps.size == line().dropped.size == 0
     assert list(line(dead_steps=3).added_steps[:2]) == [3, 3]
