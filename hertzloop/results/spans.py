@@ -42,12 +42,14 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
     """Simulate the first impact on an infinite plate, and its scene; None where that does not meet
     the accuracy until the impact is over."""
     touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
+    # An impact lasts about as long as on a rigid plate, and the law's last force comes later.
+    contact = round(setup.law.rigid_contact_s / setup.run.step_s)
+    lasting = contact + setup.signal_path.latency_steps + quiet
     # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
     for most_s in (_SOON * quiet * setup.run.step_s, math.inf):
         lasts_s = setup.infinite_plate.lasts_s(most_s)
         steps = int((touch_s + lasts_s) / setup.run.step_s)
-        # An impact that lasts a step at least is not over earlier.
-        may_be_over = steps - int(touch_s / setup.run.step_s) >= quiet
+        may_be_over = steps - int(touch_s / setup.run.step_s) >= lasting
         if lasts_s > 0.0 and (may_be_over or steps >= setup.run.steps):
             infinite = setup.with_plate_model("infinite")
             found = simulate(infinite, impact_only=True, steps=min(steps, setup.run.steps))

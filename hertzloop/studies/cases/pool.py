@@ -1,6 +1,6 @@
 """Run cases on the cores of this machine: in this process, and in workers that it starts.
 
-A worker takes one or two seconds to start. This process runs a thousand cases in that time. So it
+A worker takes two seconds to start. This process runs a thousand cases in that time. So it
 begins at once, starts workers when the remaining work is worth it, and gives them only what they
 are about to begin. It runs the rest itself.
 
@@ -36,7 +36,9 @@ from hertzloop.studies.cases.rows import Rows
 from hertzloop.studies.cases.workers import Workers, WorkersLost
 
 _LOOK_S = 0.1  # of work here, before what is left is estimated
-_WORTH_S = 1.5  # of work left for this process alone: about what the start of another takes
+# Of work left for this process alone: twice what the start of another takes, in which this one
+# goes on. With less, little time is gained for much work of the processor.
+_WORTH_S = 4.0
 
 
 def local_cores() -> int:
