@@ -41,20 +41,21 @@ def follow(setup: Setup, span: Span) -> tuple[Setup, SimulatedRun]:
 def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
     """Simulate the first impact on an infinite plate, and its scene; None where that does not meet
     the accuracy until the impact is over."""
-    touch_s, quiet = setup.first_touch_s, quiet_steps(setup)
+    run, touch_s, quiet = setup.run, setup.first_touch_s, quiet_steps(setup)
     # An impact lasts about as long as on a rigid plate, and the law's last force comes later.
-    contact = round(setup.law.rigid_contact_s / setup.run.step_s)
-    lasting = contact + setup.signal_path.latency_steps + quiet
+    contact = round(setup.law.rigid_contact_s / run.step_s)
+    least_s = run.step_s * (contact + setup.signal_path.latency_steps + quiet)
+    plate = setup.infinite_plate
+    if not plate.error(min(least_s, run.duration_s - touch_s)) <= run.accuracy:
+        return None
     # Most impacts are over soon: how long the plate meets the accuracy after that is not asked.
-    for most_s in (_SOON * quiet * setup.run.step_s, math.inf):
-        lasts_s = setup.infinite_plate.lasts_s(most_s)
-        steps = int((touch_s + lasts_s) / setup.run.step_s)
-        may_be_over = steps - int(touch_s / setup.run.step_s) >= lasting
-        if lasts_s > 0.0 and (may_be_over or steps >= setup.run.steps):
-            infinite = setup.with_plate_model("infinite")
-            found = simulate(infinite, impact_only=True, steps=min(steps, setup.run.steps))
-            if found.over or steps >= setup.run.steps:
-                return infinite, found
+    for most_s in (_SOON * quiet * run.step_s, math.inf):
+        lasts_s = plate.lasts_s(most_s)
+        steps = int((touch_s + lasts_s) / run.step_s)
+        infinite = setup.with_plate_model("infinite")
+        found = simulate(infinite, impact_only=True, steps=min(steps, run.steps))
+        if found.over or steps >= run.steps:
+            return infinite, found
         if lasts_s < most_s:
             break
     return None
