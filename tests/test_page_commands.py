@@ -51,7 +51,6 @@ SHORTER = {
     "--law force_feedback\n": "--law force_feedback --quick\n",
     "--goal 'rebound_percent < 300'\n": "--goal 'rebound_percent < 300' --quick\n",
     "--trace paced.mcap ": "--trace paced.mcap --quick ",
-    "pytest\n": "python -m pytest -q\n",  # of the environment, not the one that is first on a PATH
     "pytest requirements.toml": "python -m pytest requirements.toml",
     "10.0.0.1": "127.0.0.1",
     "10.0.0.2": "127.0.0.1",
@@ -108,7 +107,7 @@ def five(text: str, folder: Path) -> None:
 EDITS: dict[tuple[str, str], Callable[[str, Path], None]] = {
     ("own-law.md", "hertzloop run --set controller.law=mine.py --out limited.mcap"): limited,
     ("green-check.md", "hertzloop budget --check requirements.toml"): a_third,
-    ("green-check.md", "pytest"): five,
+    ("green-check.md", "python -m pytest"): five,
 }
 
 
