@@ -305,7 +305,7 @@ def test_the_command_line_takes_the_structure_of_the_examples(tmp_path):
     checked = command("scene", "check")
     assert " nan " not in checked
     assert "Not evaluated: contact against plate" in checked
-    assert "3 of 3 cases" in command("sweep", "--over", "controller.latency_us=0:2:1")
+    assert "3 cases: 3 run" in command("sweep", "--over", "controller.latency_us=0:2:1")
 
 
 def test_a_quantity_is_a_row_of_one_table(tmp_path):

@@ -226,7 +226,7 @@ def test_what_comes_before_the_next_contact_does_not_count(tmp_path):
         first, second = impacts_of(it.scene, truth)[:2]
         assert bool(np.any(truth[F_A, first.over : second.start])) == (law == [ahead])
     assert it.case.steps < 5000
-    page = page_of(read(tmp_path / "run.mcap")).html()
+    page = page_of(read(tmp_path / "run.mcap"))
     rows = hertzloop.read(tmp_path / "run.mcap").rows
     shown = [*shown_rows(rows), *further_rows(rows)]
     assert all(cell in page for row in shown for cell in cells_of(row))
