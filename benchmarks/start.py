@@ -31,7 +31,7 @@ _FEEDBACK = ["--set", "controller.law=velocity_feedback", "--set", "controller.k
 _RUNS = {
     "run, compiled": ["--transport", "compiled"],
     "run, zenoh": ["--realtime", "off"],
-    "run, zenoh, feedback in the lane": [*_FEEDBACK, "--realtime", "on"],
+    "run, zenoh, feedback in shared memory": [*_FEEDBACK, "--realtime", "on"],
 }
 # Name of a row, the command that it is of, what is measured, unit, and aim.
 _ROWS = (
@@ -41,8 +41,8 @@ _ROWS = (
     ("run, zenoh, time", "run, zenoh", "wall_s", "s", 2.5),
     ("run, zenoh, share of real time", "run, zenoh", "real_time", "", 2.0),
     (
-        "feedback in the lane, share of real time",
-        "run, zenoh, feedback in the lane",
+        "feedback in shared memory, share of real time",
+        "run, zenoh, feedback in shared memory",
         "real_time",
         "",
         1.0,

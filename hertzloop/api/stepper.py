@@ -17,8 +17,8 @@ from hertzloop.scene.setup import resolve
 class Stepper:
     """Plant, actuator and sensor of a scene, one step at a time.
 
-    The law and the line of the scene do not act: the caller says which force the actuator is told
-    at each step. Under the forces of a run, the samples have the bits of that run.
+    The law and the signal path of the scene do not act: the caller says which force the actuator is
+    told at each step. Under the forces of a run, the samples have the bits of that run.
 
     Args:
         scene: the scene, or its name or TOML file.

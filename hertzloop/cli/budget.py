@@ -148,7 +148,8 @@ def effect_lines(found: BudgetResult) -> list[str]:
             own = plant.nominal.metrics["plate_energy_db"]
             hint = "" if found.other else "--span both searches the limits of each."
             lines += spans_differ(own, found.other_db, found.span, hint)
-            lines += [found.why_no_other] if found.why_no_other else []
+            if found.why_no_other:
+                lines.append(found.why_no_other)
         lines += noise_lines(name, plant)
         if plant.left_out:
             refused = ", ".join(plant.left_out)

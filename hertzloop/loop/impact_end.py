@@ -16,5 +16,5 @@ def quiet_steps(setup: Setup) -> int:
 def impact_follower(setup: Setup) -> ImpactFollower:
     """Return the state of a first impact before the contact."""
     quiet = quiet_steps(setup)
-    line_steps = 1 + setup.signal_path.latency_steps + setup.signal_path.most_added_steps
-    return new_follower(quiet, line_steps)
+    path_steps = 1 + setup.signal_path.latency_steps + setup.signal_path.most_added_steps
+    return new_follower(quiet, path_steps)

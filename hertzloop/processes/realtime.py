@@ -37,22 +37,22 @@ class RealtimeProfile:
             self.line = f"off, because the loops would take all {len(cores)} cores"
         if not self._taken:
             return
-        granted = []
+        said = []
         if len(cores) > _LOOPS:
             mine = cores[_LOOPS:] if role == RECORDER else cores[:_LOOPS]
             os.sched_setaffinity(0, mine)
-            granted.append(f"cores {', '.join(map(str, mine))}")
+            said.append(f"cores {', '.join(map(str, mine))}")
         try:
             _schedule(os.SCHED_FIFO, PRIORITY + 1)
         except OSError:
-            granted.append(
+            said.append(
                 "no SCHED_FIFO (allow it with rtprio in /etc/security/limits.conf, or with "
                 "CAP_SYS_NICE)"
             )
         else:
             self._in_class = True
-            granted.append("SCHED_FIFO for receiving" if role == RECORDER else _loops_class())
-        self.line = ", ".join(granted)
+            said.append("SCHED_FIFO for receiving" if role == RECORDER else _loops_class())
+        self.line = ", ".join(said)
 
     @contextmanager
     def loop(self) -> Iterator[None]:

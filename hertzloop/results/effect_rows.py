@@ -41,8 +41,8 @@ class RunContext:
         self.setup, self.run, self.spec = setup, run, setup.plant
         lasts_s, peak_n = _short(run.contact_s), _short(run.force_n)
         # From a sample to the force that it causes.
-        line_s = setup.run.step_s * (1 + setup.signal_path.dead_steps) + 1e-6 * setup.latency_us
-        self.delay_s = line_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
+        path_s = setup.run.step_s * (1 + setup.signal_path.dead_steps) + 1e-6 * setup.latency_us
+        self.delay_s = path_s + self.spec.actuator.delay_s + setup.sensor.low_pass_delay_s
         # The plate at the contact point, None for another structure; the body that yields first,
         # and its strength.
         self.local, self.weaker = self.spec.plate.local_plate, setup.mechanics.weaker

@@ -26,7 +26,7 @@ _MOST_CHECKED = 64
 
 
 class ControllerTable(SceneTable):
-    """The law, the line to the actuator, and the law's own keys.
+    """The law, the signal path to the actuator, and the law's own keys.
 
     `law`: a shipped name, "mine.py", "mine.py:Name", "package.module:Name", an entry point's name,
     "mine.so" or "mine.fmu". A key that the law does not have is refused, unless it has the default
@@ -149,7 +149,7 @@ def is_recorded(info: ValidationInfo) -> bool:
 
 
 def law_key(table: ControllerTable, name: str) -> FieldInfo | None:
-    """What is known of a key: the line's, the law's, or a shipped law's."""
+    """What is known of a key: the signal path's, the law's, or a shipped law's."""
     for fields in (
         ControllerTable.model_fields,
         table.loaded_law.keys.model_fields,

@@ -30,9 +30,9 @@ class InfinitePlate:
         step_s: Length of a step, s.
         accuracy: Requested relative error of the penetration.
         force_bound: Bound on the law's force.
-        smooth: Whether the line from sensor to actuator neither loses a command nor makes steps in
+        smooth: Whether sensor and signal path neither lose a command nor makes steps in
             a force.
-        latency_s: Latency of that line, s.
+        latency_s: Latency of the signal path, s.
     """
 
     mechanics: Mechanics
@@ -82,7 +82,7 @@ class InfinitePlate:
         first_return_s, number = self._first_return_s, self._inelasticity
         late = until_s / first_return_s
         # A law that copies the contact force is as smooth as that, with a delay of at most a
-        # contact, which it makes longer, unless the line from sensor to actuator is not.
+        # contact, which it makes longer, unless sensor or signal path is not.
         if bound.force_n == math.inf and bound.copies and self.smooth:
             delay_s = min(until_s, _LONGER * self._contact_s + self.latency_s)
             late_copy = (delay_s + self._contact_s) / first_return_s

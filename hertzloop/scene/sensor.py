@@ -15,7 +15,7 @@ _HORIZONS, _LEAST_FLIGHT_S = 2.5, 20e-6
 def resolve_sensor(
     table: SensorsTable, mechanics: Mechanics, step_s: float, latency_us: float
 ) -> SensorSpec:
-    """The channel; `latency_us` of the line counts for the flight that the range has to hold."""
+    """The channel; the signal path's `latency_us` counts for the flight that the range holds."""
     return SensorSpec(
         of_state=_index_of(table.quantity, mechanics),
         every_steps=table.every_steps,

@@ -148,7 +148,7 @@ class Setup:
     def with_plate_model(self, plate_model: str) -> "Setup":
         """Return the setup with `run.plate_model` set."""
         if plate_model == self.plate_model and not self.plant.infinite_plate:
-            # Nothing but the word changes.
+            # Nothing but the word changes; without an infinite plate the contact could yield.
             run = self.run.replaced(plate_model=plate_model)
             return replace(self, scene=self.scene.replaced(run=run), run=run)
         return self._with_run(plate_model=plate_model)

@@ -101,14 +101,14 @@ def law_words(name: str | None, digest: str | None) -> str:
 
 def fallback_words(fallbacks: int) -> str:
     """Describe the contact steps in which Newton's method did not end."""
-    return f"Newton's method did not end in {fallbacks} contact steps, which have a constant force"
+    return f"Newton's method did not end in {fallbacks} contact steps"
 
 
 def mean_latency(setup: Setup) -> float | None:
     """Return the mean latency of the force that acts, us; None if every command has the same."""
-    line = setup.signal_path
+    path = setup.signal_path
     return (
-        mean_latency_us(setup) if line.varies or line.trace or line.drop_out_probability else None
+        mean_latency_us(setup) if path.varies or path.trace or path.drop_out_probability else None
     )
 
 

@@ -4,7 +4,7 @@ An impact lasts from the first touch until the sphere has left and no force of t
 remains, at the latest until the next contact, or the end of the run.
 
 Forces alone decide, not what a law promises. A force belongs to the answer if it begins while
-the law answers still: until the actuator has been silent for `quiet_steps`. For `line_steps`
+the law answers still: until the actuator has been silent for `quiet_steps`. For `path_steps`
 after the contact it may be on its way. A force that begins later belongs to the answer as well,
 unless the sphere has come back before: the gap has fallen below half of its largest value. Then
 the force meets the next contact.
@@ -30,15 +30,15 @@ class ImpactFollower(NamedTuple):
     """
 
     quiet_steps: int
-    line_steps: int
+    path_steps: int
     counts: np.ndarray
     widest_m: np.ndarray
 
 
-def new_follower(quiet_steps: int, line_steps: int = 0) -> ImpactFollower:
+def new_follower(quiet_steps: int, path_steps: int = 0) -> ImpactFollower:
     """An impact before its first touch."""
     counts, widest_m = np.zeros(6, np.int64), np.full(1, -math.inf)
-    return ImpactFollower(quiet_steps, line_steps, counts, widest_m)
+    return ImpactFollower(quiet_steps, path_steps, counts, widest_m)
 
 
 NEVER = new_follower(-1)  # what a loop takes that does not end before its last step
@@ -62,7 +62,7 @@ def follow(impact, f_c, f_a, gap):
             counts[OVER] = 1
             return
         counts[END] = counts[STEP] + 1
-        counts[BUSY] = counts[END] + impact.line_steps
+        counts[BUSY] = counts[END] + impact.path_steps
     else:
         counts[LEFT] = 1
         silent = is_silent(impact)

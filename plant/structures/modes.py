@@ -73,7 +73,7 @@ class ModeSource(Protocol):
 
     @property
     def struck_at_actuator(self) -> Self:
-        """The same with the contact where the actuator is, if points do not say where they are."""
+        """The structure with the contact where the actuator is, if the points do not say that."""
         return self
 
     @property

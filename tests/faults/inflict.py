@@ -33,7 +33,7 @@ TIMEOUT_S = 4.0  # patience of the processes with one another
 PAUSES_S = {"pause": (0.05, 1.0), "long pause": (TIMEOUT_S + 2.0, TIMEOUT_S + 4.0)}
 RUN = ["aluminium-3mm", "--set", "run.duration_s=19", "--timeout", str(TIMEOUT_S)]
 EVERY_SAMPLE = ["--set", "controller.law=velocity_feedback", "--set", "controller.kappa=0.1"]
-LANE = {"lane": EVERY_SAMPLE, "no lane": ["--no-shared-memory"]}
+WAYS = {"shared memory": EVERY_SAMPLE, "bus": ["--no-shared-memory"]}
 HANGS_S = 120.0
 UNDER_WAY, MOMENTS_S = 100_000, 1.5  # bytes; a random time after that, or after a process is there
 
@@ -44,7 +44,7 @@ class Fault:
 
     victim: str
     how: str
-    lane: str
+    way: str
     starting: bool
     after_s: float
     pause_s: float = 0.0
@@ -72,7 +72,7 @@ def draw(random_: random.Random) -> Fault:
     starting = random_.random() < 0.25 and how not in ("stop", "long pause")
     pause_s = random_.uniform(*PAUSES_S.get(how, (0.0, 0.0)))
     return Fault(
-        victim, how, random_.choice(list(LANE)), starting, random_.uniform(0, MOMENTS_S), pause_s
+        victim, how, random_.choice(list(WAYS)), starting, random_.uniform(0, MOMENTS_S), pause_s
     )
 
 
@@ -110,7 +110,7 @@ def inflict(fault: Fault, folder: Path) -> Outcome:
     recording, temporary = folder / "run.mcap", folder / "t"
     temporary.mkdir()
     began = time.monotonic()
-    words = [*RUN, *LANE[fault.lane], "--out", str(recording)]
+    words = [*RUN, *WAYS[fault.way], "--out", str(recording)]
     number = (SIGNALS | CLOSED)[fault.how]
     heeding = None
     if fault.how in CLOSED:  # who runs the tests may ignore it

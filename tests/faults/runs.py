@@ -1,11 +1,11 @@
 """Faults at random moments of real runs, and what comes of them, as a table.
 
-`python -m tests.faults.runs --tries 1000 --seed 1`: every try is a `hertzloop run`, with the fast
-lane or without. One of its processes, or the launcher, is killed, crashes, stops for good or for a
-while, is terminated or interrupted, while the run starts or is under way. After it: no hang, no
-process left, the right cause, a recording that can be read. A run ends by itself, or, where it has
-to go on (after a short pause), by an interrupt. `--results FILE` keeps what came of every try, and
-goes on from there; `--at-once` runs share the machine.
+`python -m tests.faults.runs --tries 1000 --seed 1`: every try is a `hertzloop run`, in shared
+memory or over the bus. One of its processes, or the launcher, is killed, crashes, stops for good or
+for a while, is terminated or interrupted, while the run starts or is under way. After it: no hang,
+no process left, the right cause, a recording that can be read. A run ends by itself, or, where it
+has to go on (after a short pause), by an interrupt. `--results FILE` keeps what came of every try,
+and goes on from there; `--at-once` runs share the machine.
 
 What is lost of the streams is counted in ms of wall time: from the last time that the recorder's
 file grew to the fault, if the fault kept the recorder from closing it.
@@ -29,7 +29,7 @@ from tests.faults.inflict import Fault, NotUnderWay, Outcome, draw, inflict
 from tests.tables import markdown
 
 MOST_LOST_MS = 100.0
-LANES = ("lane", "no lane")
+WAYS = ("shared memory", "bus")
 # A word of the sentence on a mistake, and the heading of its column.
 WRONG = {
     "it hangs": "hangs",
@@ -74,12 +74,12 @@ def table(faults: list[Fault], tried: Tried) -> str:
     found: dict[str, list[tuple[str, Outcome]]] = defaultdict(list)
     for number, outcome in tried.items():
         if outcome:
-            found[faults[number].victim].append((faults[number].lane, outcome))
+            found[faults[number].victim].append((faults[number].way, outcome))
     everything = [one for outcomes in found.values() for _, one in outcomes]
     counted = [word for word in WRONG if _count(everything, word)]
     head = (
         "process",
-        *(f"tries, {lane}" for lane in LANES),
+        *(f"tries, {way}" for way in WAYS),
         *(WRONG[word] for word in counted),
         "most lost, ms",
         "longest, s",
@@ -90,7 +90,7 @@ def table(faults: list[Fault], tried: Tried) -> str:
         rows.append(
             [
                 process,
-                *(sum(used == lane for used, _ in outcomes) for lane in LANES),
+                *(sum(used == way for used, _ in outcomes) for way in WAYS),
                 *(_count(mine, word) for word in counted),
                 f"{max(one.lost_ms for one in mine):.0f}",
                 f"{max(one.seconds for one in mine):.0f}",

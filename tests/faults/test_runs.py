@@ -23,20 +23,20 @@ from tests.hertzloop.commands import wait_for
 from tests.tiers import default
 
 FAULTS = [
-    Fault("controller", "kill", "lane", False, 0.0),
-    Fault(LAUNCHER, "interrupt", "lane", False, 0.0),
-    Fault(LAUNCHER, "kill", "lane", False, 0.1),
-    Fault("recorder", "kill", "lane", False, 0.3),
-    Fault("controller", "kill", "lane", True, 0.0),
-    Fault("recorder", "interrupt", "lane", True, 0.0),
-    Fault("controller", "stop", "lane", False, 0.0),
-    *(Fault(LAUNCHER, how, "lane", False, 0.0) for how in ("terminate", *CLOSED)),
-    Fault("plant", "pause", "no lane", False, 0.2, 0.5),
+    Fault("controller", "kill", "shared memory", False, 0.0),
+    Fault(LAUNCHER, "interrupt", "shared memory", False, 0.0),
+    Fault(LAUNCHER, "kill", "shared memory", False, 0.1),
+    Fault("recorder", "kill", "shared memory", False, 0.3),
+    Fault("controller", "kill", "shared memory", True, 0.0),
+    Fault("recorder", "interrupt", "shared memory", True, 0.0),
+    Fault("controller", "stop", "shared memory", False, 0.0),
+    *(Fault(LAUNCHER, how, "shared memory", False, 0.0) for how in ("terminate", *CLOSED)),
+    Fault("plant", "pause", "bus", False, 0.2, 0.5),
     # The recorder's last block is older than the controller's wait, which knows the cause.
-    Fault("plant", "long pause", "lane", False, 0.235, 6.2),
-    Fault("recorder", "long pause", "no lane", False, 0.0, 6.2),
+    Fault("plant", "long pause", "shared memory", False, 0.235, 6.2),
+    Fault("recorder", "long pause", "bus", False, 0.0, 6.2),
     # It is awake again when the launcher hears of the fault.
-    Fault("controller", "long pause", "no lane", False, 0.3, 8.0),
+    Fault("controller", "long pause", "bus", False, 0.3, 8.0),
 ]
 
 
@@ -72,7 +72,7 @@ def test_faults(fault):
     ],
 )
 def test_a_wrong_cause_is_found(victim, how, code, said, wrong):
-    assert wrong_words(Fault(victim, how, "lane", False, 0.0), code, said) == wrong
+    assert wrong_words(Fault(victim, how, "shared memory", False, 0.0), code, said) == wrong
 
 
 def ended(

@@ -77,12 +77,12 @@ def _budget(plan: BudgetPlan, pool: Pool, on_progress: Callable[[float], None]) 
         found.append(_in_plant(plan, plant, counted, part))
     ideal, *others = found
     real = others.pop() if request.with_real else None
-    (other_row,) = evaluate(counted, setup, OTHER[scene.span], [{}])
+    other_span = OTHER[scene.span]
+    (other_row,) = evaluate(counted, setup, other_span, [{}])
     own_db, other_db = ideal.nominal.metrics["plate_energy_db"], other_row["plate_energy_db"]
     why_no_other = ""
     if other_db is None:  # as of a loop that runs away after the first impact
-        why_no_other = f"There is no plate energy {IN_WORDS[OTHER[scene.span]]}: "
-        why_no_other += f"{other_row['status']}."
+        why_no_other = f"There is no plate energy {IN_WORDS[other_span]}: {other_row['status']}."
     elif abs(other_db - own_db) > MUCH_DB and not whole_run_known(setup):
         other_db, why_no_other = None, "Later impacts are not predictable."
     cases = tally.cases

@@ -34,10 +34,10 @@ _RANK = 1e-10
 _AMPLITUDES = (1e-9, 1e-3, 1.0, 1e3)
 # Fields of signal path and sensor that are known not to be linear.
 _NOT_LINEAR = {
-    "jitter_steps": "controller.jitter_us is not zero, so the line varies with time",
-    "tick_steps": "controller.clock_ppm is not zero, so the line varies with time",
+    "jitter_steps": "controller.jitter_us is not zero, so the signal path varies with time",
+    "tick_steps": "controller.clock_ppm is not zero, so the signal path varies with time",
     "drop_out_probability": (
-        "controller.drop_out_probability is not zero, so the line varies with time"
+        "controller.drop_out_probability is not zero, so the signal path varies with time"
     ),
     "slew_n_s": "controller.slew_n_s limits the slope of the force",
     "trace": "controller.latency_trace varies with time",
@@ -55,7 +55,7 @@ def law_filter(setup: Setup) -> TransferFunction:
     """Return the transfer function from a sample to the command of that sample.
 
     Raises:
-        NotLinearError: the law, or the line behind it, is not linear.
+        NotLinearError: the law, or the signal path behind it, is not linear.
     """
     if why := loaded_law(setup).not_linear:
         raise NotLinearError(why)

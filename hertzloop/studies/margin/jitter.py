@@ -68,17 +68,17 @@ class JitterMargin:
 
 def at_shortest_latency(setup: Setup) -> Setup:
     """Return a setup with its shortest latency throughout: no jitter, trace, drift or drop-outs."""
-    line = setup.signal_path
-    if not (line.varies or line.trace or line.drop_out_probability):
+    path = setup.signal_path
+    if not (path.varies or path.trace or path.drop_out_probability):
         return setup
     constant = {
         "controller.jitter_us": 0.0,
         "controller.drop_out_probability": 0.0,
         "controller.latency_trace": None,
         "controller.latency_trace_use": None,
-        "controller.latency_us": line.latency_steps * setup.run.step_ns / 1e3,
+        "controller.latency_us": path.latency_steps * setup.run.step_ns / 1e3,
     }
-    if line.tick_steps:
+    if path.tick_steps:
         constant |= {"controller.clock_ppm": 0.0, "controller.clock_phase": 0.0}
     return setup.vary(constant)
 
@@ -96,16 +96,16 @@ def jitter_margin_of(setup: Setup, margin: Margin) -> JitterMargin | None:
     loops = loops_of(at_shortest_latency(setup)) if margin.applicable else None
     if loops is None or isinstance(loops, NotLinearError):
         return None
-    line, step_us, every = setup.signal_path, 1e6 * setup.run.step_s, setup.sensor.every_steps
-    waits = math.floor(line.tick_steps + 0.5)  # at most, for a tick of the controller's clock
-    added = line.jitter_steps + max(line.trace, default=0) + waits
-    drops_out = line.drop_out_probability > 0.0
-    latencies = line.latency_steps + np.arange(min(added, _MOST_STEPS) + 1)
+    path, step_us, every = setup.signal_path, 1e6 * setup.run.step_s, setup.sensor.every_steps
+    waits = math.floor(path.tick_steps + 0.5)  # at most, for a tick of the controller's clock
+    added = path.jitter_steps + max(path.trace, default=0) + waits
+    drops_out = path.drop_out_probability > 0.0
+    latencies = path.latency_steps + np.arange(min(added, _MOST_STEPS) + 1)
     unstable = latencies[loops.unstable(latencies) > 0]
     steps, us, burst = (-1, -1.0, -1) if margin.stable is False else (None, None, None)
     hz, certified = None, False
     if margin.stable:
-        delay, angle = ErrorResponse(loops, line.latency_steps).largest_delay()
+        delay, angle = ErrorResponse(loops, path.latency_steps).largest_delay()
         hz = angle / (2.0 * math.pi * every * setup.run.step_s)
         safe = math.floor(delay * (1.0 - _SAFE))
         certified = added <= safe and not drops_out
