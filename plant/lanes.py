@@ -102,6 +102,14 @@ def _mul(typingctx, a, b):
 
 
 @intrinsic
+def _add(typingctx, a, b):
+    def codegen(context, builder, signature, values):
+        return builder.fadd(*values)
+
+    return _lanes(_lanes, _lanes), codegen
+
+
+@intrinsic
 def _neg(typingctx, a):
     def codegen(context, builder, signature, values):
         return builder.fneg(values[0])
@@ -148,11 +156,11 @@ def _total_plain(a: np.ndarray) -> float:
 
 # load(array, first): numbers `first` to `first` + 7 of a contiguous array; store(array, first, a);
 # splat(x): one number in all lanes; fma(a, b, c): a b + c, rounded once; mul(a, b): a b;
-# neg(a): -a; total(a): the sum.
+# add(a, b): a + b; neg(a): -a; total(a): the sum.
 # Where all runs as Python a product and a sum are rounded twice.
 if config.DISABLE_JIT:
     load, store, total, splat = _load_plain, _store_plain, _total_plain, _splat_plain
-    fma, mul, neg = _fma_plain, operator.mul, operator.neg
+    fma, mul, add, neg = _fma_plain, operator.mul, operator.add, operator.neg
 else:
     load, store, total, splat = _load, _store, _total, _splat
-    fma, mul, neg = _fma, _mul, _neg
+    fma, mul, add, neg = _fma, _mul, _add, _neg

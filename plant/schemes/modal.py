@@ -19,12 +19,17 @@ from hertzloop.plant.structures.linear import MEAN, Linear, Poles, V, X, linear_
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
 
+# A mode that does not move the contact is scaled as if it did, by this share of what moves it most:
+# far below rounding.
+_UNSEEN = 1e-30
+
 
 def poles_of(spec: PlantSpec, modes: Oscillators) -> Poles:
     """The structure of a description: its modes, and what stands for those left out.
 
     Force and point 0 are at the contact; an actuator elsewhere is force and point 1, a sensor
-    elsewhere the last point. Raises ValueError for an infinite plate that is pushed or seen beside
+    elsewhere the last point. Every z is scaled so that the contact moves by the sum of Im z, which
+    spares the step two arrays: C = -j there. Raises ValueError for an infinite plate that is pushed or seen beside
     the contact.
     """
     if spec.infinite_plate:
@@ -47,7 +52,7 @@ def poles_of(spec: PlantSpec, modes: Oscillators) -> Poles:
 
 
 def _oscillating(spec: PlantSpec, modes: Oscillators) -> Poles:
-    """Oscillators as poles, see `plant.structures.linear`."""
+    """Oscillators as poles, see `plant.structures.linear`, z times b/theta of the contact."""
     theta, rho = damped_frequency(modes.omega, modes.eta)
     forces, points = [modes.contact], [modes.contact]
     if not spec.same_point:
@@ -55,14 +60,16 @@ def _oscillating(spec: PlantSpec, modes: Oscillators) -> Poles:
         points.append(modes.actuator)
     if modes.sensor is not None:
         points.append(modes.sensor)
-    half_mass = 0.5 / modes.scale_per_kg
+    unseen = _UNSEEN * abs(modes.contact).max()
+    scale = np.where(modes.contact == 0.0, unseen, modes.contact) / theta
+    half_mass = 0.5 / modes.scale_per_kg / (scale * scale)
     rho = rho * np.ones_like(theta)
     energy = half_mass * np.stack([np.ones_like(theta), -2.0 * rho, 1.0 + 2.0 * rho * rho])
     poles = np.empty(len(theta), complex)
     poles.real, poles.imag = -rho * theta, theta
     see = np.zeros((len(points), len(theta)), complex)
-    see.imag = [-shape / theta for shape in points]
-    drive = np.array([modes.scale_per_kg * shape for shape in forces], complex)
+    see.imag = [-shape / theta / scale for shape in points]
+    drive = np.array([modes.scale_per_kg * scale * shape for shape in forces], complex)
     return Poles(poles, drive, see, energy)
 
 
@@ -73,7 +80,7 @@ def _infinite(spec: PlantSpec) -> Poles:
         raise ValueError("the infinite plate knows the contact point only")
     impedance = impedance_n_s_m(spec.local_plate)
     one = np.ones((1, 1), complex)
-    return Poles(np.zeros(1, complex), one / impedance, one, np.zeros((3, 1)))
+    return Poles(np.zeros(1, complex), 1j * one / impedance, -1j * one, np.zeros((3, 1)))
 
 
 def impedance_n_s_m(plate: Plate) -> float:

@@ -24,7 +24,7 @@ from hertzloop.plant import state_kernels
 from hertzloop.plant.actuator_kernels import ActuatorModel
 from hertzloop.plant.contact import contact_kernels
 from hertzloop.plant.contact.contact_kernels import ContactModel, Path
-from hertzloop.plant.lanes import LANES, fma, load, mul, neg, splat, store, total
+from hertzloop.plant.lanes import LANES, add, fma, load, mul, neg, splat, store, total
 from hertzloop.plant.state_kernels import (
     AWAKE,
     DEEPEST,
@@ -111,28 +111,30 @@ def drive(linear, z, awake, force, f0, f1):
 
 @kernel(copied=True)
 def rotate(linear, z, awake):
-    """Rotate the poles by a step, z <- e^(s h) z. Returns displacement (m) and velocity (m/s) of
-    the contact point."""
-    x_by, v_by = linear.see[CONTACT, X], linear.see[CONTACT, V]
-    x = v = splat(0.0)
+    """Rotate the poles by a step, z <- e^(s h) z. Returns displacement (m), the sum of Im z, and
+    velocity (m/s) of the contact point."""
+    v_by = linear.see[CONTACT, V]
+    x = v_re = v_im = splat(0.0)  # sums that wait for each other take longer
     for k in range(0, awake, LANES):
         a, b = load(z[RE], k), load(z[IM], k)
         cos, sin = load(linear.turn[RE], k), load(linear.turn[IM], k)
         re, im = fma(neg(sin), b, mul(cos, a)), fma(sin, a, mul(cos, b))
         store(z[RE], k, re)
         store(z[IM], k, im)
-        x = fma(load(x_by[IM], k), im, fma(load(x_by[RE], k), re, x))
-        v = fma(load(v_by[IM], k), im, fma(load(v_by[RE], k), re, v))
-    return total(x), total(v)
+        x = add(x, im)
+        v_re = fma(load(v_by[RE], k), re, v_re)
+        v_im = fma(load(v_by[IM], k), im, v_im)
+    return total(x), total(add(v_re, v_im))
 
 
 @kernel(part=True)
 def look(by, z, awake):
     """What factors of Re z and Im z, (2, n), make of the poles."""
-    seen = splat(0.0)
+    of_re = of_im = splat(0.0)
     for k in range(0, awake, LANES):
-        seen = fma(load(by[IM], k), load(z[IM], k), fma(load(by[RE], k), load(z[RE], k), seen))
-    return total(seen)
+        of_re = fma(load(by[RE], k), load(z[RE], k), of_re)
+        of_im = fma(load(by[IM], k), load(z[IM], k), of_im)
+    return total(add(of_re, of_im))
 
 
 @kernel(copied=True)

@@ -8,6 +8,7 @@ plant.
 
     q'' + 2 delta q' + w^2 q = lambda b_F F, moving a point by b q, is the pole s = -delta + j theta
     with B = lambda b_F, C = -j b/theta, theta^2 = w^2 - delta^2; then z = q' + delta q + j theta q.
+    With another scale of z it is the same structure: B times a number, C by it.
 """
 
 from dataclasses import dataclass

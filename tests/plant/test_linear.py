@@ -67,7 +67,8 @@ def test_every_mode_moves_by_its_equation(eta, step_s):
     """Any force at any point, from any state: displacement, velocity, mean and energy."""
     what = replace(spec(loss_factor=eta, step_s=step_s, **BESIDE), sensor_point_m=(0.12, 0.31))
     modes = modes_of(what)
-    linear = linear_of(poles_of(what, modes), step_s)
+    structure = poles_of(what, modes)
+    linear = linear_of(structure, step_s)
     assert linear.turn.shape[1] % LANES == 0
     assert not linear.direct.any()
     random = np.random.default_rng(3)
@@ -75,9 +76,12 @@ def test_every_mode_moves_by_its_equation(eta, step_s):
     q, v = random.standard_normal(n), random.standard_normal(n) * modes.omega
     delta = 0.5 * eta * modes.omega
     theta = np.sqrt(modes.omega**2 - delta**2)
-    z = np.zeros(linear.turn.shape)
-    z[RE, :n], z[IM, :n] = v + delta * q, theta * q
     mass = 1.0 / modes.scale_per_kg
+    scale = np.where(modes.contact < 0.0, -1.0, 1.0) * np.sqrt(0.5 * mass / structure.energy[0])
+    moves = modes.contact != 0.0  # the contact by the sum of Im z
+    assert scale[moves] == pytest.approx((modes.contact / theta)[moves], rel=1e-14)
+    z = np.zeros(linear.turn.shape)
+    z[RE, :n], z[IM, :n] = scale * (v + delta * q), scale * theta * q
     energy = 0.5 * mass * np.sum(v**2 + (modes.omega * q) ** 2)
     assert kept_j(linear, z) == pytest.approx(energy, rel=1e-12)
     force = random.standard_normal((2, 2)) * mass / step_s**2
