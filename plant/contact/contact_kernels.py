@@ -356,7 +356,8 @@ def _discrete_gradient(contact, start, end, before, deepest, step_s):
         return 0.0, 0.0
     if end != start:
         force = (after - before) / (start - end)
-    rate = (max(p, 0.0) - max(p_0, 0.0)) / step_s
+    dent = indentation(contact, deepest)
+    rate = (max(p - dent, 0.0) - max(p_0 - dent, 0.0)) / step_s
     damping = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * max(force, 0.0)) * rate
     return force + damping, damping
 

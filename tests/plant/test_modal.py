@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from hertzloop.closed_loop.parts import series_under
@@ -106,6 +106,16 @@ ACTUATORS = (
 )
 
 
+@example(  # a step that ends where the contact begins, at the dent of the one before
+    step=-3.6484375,
+    height=0.0,
+    contact=Contact(ALUMINIUM, viscous_n_s_m=2.0, limit=Limit(0.5e9, 0.003)),
+    actuator=ACTUATORS[3],
+    hold=40,
+    left_out=POLE,
+    beside=False,
+    seed=483,
+)
 @settings(max_examples=200, deadline=None)
 @given(
     step=st.floats(-7.0, -3.5),
