@@ -83,7 +83,7 @@ class Mechanics:
     @property
     def same_point(self) -> bool:
         """Whether the actuator pushes at the contact point."""
-        return self.contact_point_m == self.actuator_point_m
+        return self.structure.same_point(self.contact_point_m, self.actuator_point_m)
 
     @property
     def mass_at_contact(self) -> bool:

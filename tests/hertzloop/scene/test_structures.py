@@ -153,6 +153,7 @@ def test_an_actuator_that_modes_put_elsewhere_is_in_the_truth(tmp_path):
     (tmp_path / "apart.npz").write_bytes(write_modes(".npz", table))
     scene = aluminium_3mm(*SHORT, f"plate.modes={tmp_path / 'apart.npz'}")
     assert scene.scene.plate.actuator_point_m is None
+    assert not scene.mechanics.same_point
     memory = hertzloop.simulate(scene.scene)
     assert np.abs(memory.truth["xi_a_m"] - memory.truth["xi_p_m"]).max() > 1e-9
     recorded = hertzloop.run(scene.scene, transport="inprocess")
