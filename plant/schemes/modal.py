@@ -29,8 +29,8 @@ def poles_of(spec: PlantSpec, modes: Oscillators) -> Poles:
 
     Force and point 0 are at the contact; an actuator elsewhere is force and point 1, a sensor
     elsewhere the last point. Every z is scaled so that the contact moves by the sum of Im z, which
-    spares the step two arrays: C = -j there. Raises ValueError for an infinite plate that is pushed or seen beside
-    the contact.
+    spares the step two arrays: C = -j there. Raises ValueError for an infinite plate that is pushed
+    or seen beside the contact.
     """
     if spec.infinite_plate:
         return _infinite(spec)
