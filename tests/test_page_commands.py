@@ -73,7 +73,6 @@ BEFORE = {
 CODES = {
     "hertzloop compare A.mcap B.mcap --metrics": 0,
     "hertzloop compare A.mcap B.mcap": 1,
-    "hertzloop compare early.mcap late.mcap": 1,
     "hertzloop law replay shipped.mcap --law mine.py": 1,
     "hertzloop budget --check requirements.toml  # green-check.md": 1,
     "hertzloop fit bench.toml --check --expect contact_force:80us:0.4%": 2,
