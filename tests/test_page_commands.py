@@ -33,8 +33,6 @@ LEFT_OUT = {
     "hertzloop law test --max-exchange-steps 200 --controller './pico": "as before",
     "hertzloop run aluminium-3mm --max-exchange-steps 200 --controller './pico": "as before",
     "./pico_controller ": "as before",
-    "hertzloop node plant aluminium-3mm --max-exchange-steps 200 --zenoh-config lab": "as before",
-    "hertzloop node recorder --out pico.mcap": "as before",
     "python modes.py": "needs sdypy-EMA: tests/test_measured_structures_page.py",
     "hertzloop run structure.toml": "as before",
     "hertzloop budget structure.toml": "as before",
