@@ -167,7 +167,7 @@ def test_the_readme_is_short():
 
 def test_the_tour_leads_through_names_that_exist():
     tour = (DOCS / "explanation" / "tour.md").read_text()
-    stops = re.findall(r"^\| \d+ \| `(.+?)` \| `(.+?)` \|", tour, re.M)
+    stops = re.findall(r"^\d+\. `(.+?)`, `(.+?)`: ", tour, re.M)
     assert len(stops) == 16
     assert sum(len((ROOT / file).read_text().splitlines()) for file, _ in stops) <= 3000
     for file, name in stops:

@@ -23,7 +23,6 @@ LEFT_OUT = {
     "python3 -m venv": "installs",
     "pip install": "installs",
     "git clone": "fetches",
-    "python -m benchmarks.": "a program of the clone",
     "hertzloop scene keys --markdown >": "writes a page of the clone",
     "python -c 'from tests import metric_page": "as before",
     "python -m tests.python_page": "as before",

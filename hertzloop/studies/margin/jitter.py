@@ -1,12 +1,14 @@
 """The jitter margin: how far the latency may vary while the loop stays stable.
 
-`docs/explanation/jitter-margin.md` has the derivation. A command that is late leaves an error of
-the force. In step r of a sampling interval of n steps, a delay of at most D steps leaves out at
-most M_r = ceil((D - r)/n) changes of the command. The stable loop answers this error with changes
+A command that is late leaves an error of the force. In step r of a sampling interval of n steps, a
+delay of at most D steps leaves out at most M_r = ceil((D - r)/n) changes of the command. By the
+Cauchy-Schwarz inequality the error is at most M_r times as large as the changes, as the root of the
+sum of squares over all samples. The stable loop answers it with changes
 H_r = (1 - 1/Z) C G_r/(1 + L) of its command, where G_r is the response to a force in that step
-alone. The loop stays stable if D times the largest sum of M_r |H_r|^2 on the unit circle is below
-1. At n = 1 this is |L/(1 + L)| < 1/(D |Z - 1|), the condition of C.-Y. Kao and B. Lincoln,
-Automatica 40 (2004) 1429.
+alone. Give the error of step r the weight 1/M_r; the sum of M_r is D. By the small gain theorem the
+loop stays stable if D times the largest sum of M_r |H_r|^2 on the unit circle is below 1. At n = 1
+this is |L/(1 + L)| < 1/(D |Z - 1|), the condition of C.-Y. Kao and B. Lincoln, Automatica 40 (2004)
+1429.
 """
 
 import math
