@@ -68,15 +68,15 @@ class LawContext:
         stiffness: contact stiffness s, N/m^1.5.
         sphere_mass_kg: mass of the sphere, kg.
         impact_speed_m_s: speed of the sphere at the first touch, m/s.
-        impedance_n_s_m: impedance of an infinite plate at the contact point, N s/m; nan if the
-            structure is not a plate, in which case a law that uses it is refused.
+        impedance_n_s_m: impedance of an infinite plate at the contact point, N s/m; nan, and a law
+            that uses it is refused, if the structure is not a plate.
         rigid_contact_s: contact time on a rigid plate, s.
         rigid_peak_n: peak contact force on a rigid plate, N.
         converter_step: step of the converter, in the unit of the samples; 0 for an ideal one.
         limit_n: largest force of the actuator, N.
         yield_depth_m: penetration at which the contact begins to yield, m.
-        uncontrolled_force_n: function that simulates the first impact without control and returns
-            its contact force, N, shape (steps in contact,).
+        uncontrolled_force_n: function that returns the contact force of the first impact without
+            control, N, shape (steps in contact,).
     """
 
     step_ns: int = 1000

@@ -95,11 +95,9 @@ def hertzloop_run() -> "Callable[..., CaseMetrics]":
     """Return a function that simulates one case.
 
     Returns:
-        A function `run(scene="aluminium-3mm", law=None, changes=None, span="impact")`. `scene` is a
-        shipped name or a TOML file, `law` a shipped name or a file, `changes` holds values by scene
-        key, and `span` is "impact" or "run". It returns `hertzloop.results.cases.CaseMetrics`:
-        metrics against no control. It raises SceneError for a case that cannot be run, and
-        UnstableLoop for an unstable loop.
+        A function `run(scene="aluminium-3mm", law=None, changes=None, span="impact")`, which
+        returns `CaseMetrics` or raises SceneError or UnstableLoop. `law` is a shipped name or a
+        file, `changes` holds values by scene key, and `span` is "impact" or "run".
     """
 
     def run(

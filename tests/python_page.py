@@ -12,6 +12,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from hertzloop.loop.run_options import USES
+
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "python.md"
 # Names by heading; a function, a class, or an exception.
 NAMES = {
@@ -51,9 +53,25 @@ ELSEWHERE = {
     "SweepRequest": "`hertzloop sweep --help`",
     "TuneRequest": "`hertzloop tune --help`",
     "BudgetRequest": "`hertzloop budget --help`",
+    "Boundary": "[Fields of the budget](../how-to/budget.md#fields-of-json)",
     "Margin": "[Results of a margin](../how-to/margin.md#results)",
     "FitResult": "[JSON of a fit](fit-json.md)",
     "Estimate": "[JSON of a fit](fit-json.md)",
+}
+# Attributes that serve the code alone, and parameters that a command explains.
+INNER = {
+    "run": USES,
+    "Record": (
+        "measurement",
+        "sha256",
+        "notes",
+        "source",
+        "interval_s",
+        "uniform",
+        "repeats(other)",
+    ),
+    "Scene": ("plant_tables",),
+    "LinearSystem": ("of", "resonance_grid_hz()"),
 }
 # Results whose attributes say what they are by their names; `help` explains them.
 RESULTS = (
@@ -72,11 +90,11 @@ def page() -> str:
         "",
         "[Use Python and notebooks](../how-to/python.md) has examples. `help(hertzloop.run)`",
         "prints the whole text on a name, with its errors. The names of numbers",
-        "end in their units: `_m`, `_us`, `_n`, `_n_s` (N s), `_db`. `import hertzloop` offers",
-        "functions and classes, `hertzloop.law` the names of a law.",
+        "end in their units, `_n_s` is N s. The names of a law are in `hertzloop.law`.",
         "",
         "A parameter `scene` is a scene, the name of a shipped one, or a TOML file. `options` are",
-        "fields of the request by name, for example `workers=1`.",
+        "fields of the request by name, for example `workers=1`. A list below the functions has",
+        "the attributes of their results and requests.",
         "",
     ]
     for heading, names in NAMES.items():
@@ -85,7 +103,9 @@ def page() -> str:
         if heading == "Exceptions":
             lines += [f"- `{one.__name__}`: {_cell(_summary(one))}" for one in named] + [""]
         else:
-            lines += [line for one in named for line in entry(one)]
+            results = [one for one in named if is_result(one)]
+            lines += [line for one in named if one not in results for line in entry(one)]
+            lines += [result(one) for one in results] + [""] * bool(results)
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -95,21 +115,32 @@ def entry(named: Any) -> list[str]:
     is_function = inspect.isfunction(named)
     heading = named.__name__ + (f"({_parameters(named)})" if is_function else "")
     lines = [f"### `{heading}`", "", _summary(named), ""]
-    rows = _rows(named, parts)
-    where = ELSEWHERE.get(named.__name__, "")
-    if where.startswith("[Metrics"):
-        lines += [f"Attributes: {where}.", ""]
-    elif where or named.__name__ in RESULTS:
-        names = dict.fromkeys([*getattr(named, "__annotations__", ()), *rows])
-        shown = ", ".join(f"`{name}`" for name in names if not name.startswith("_"))
-        lines += [f"Attributes: {shown}." + (f" See {where}." if where else ""), ""]
-    elif isinstance(named, type) and issubclass(named, Enum):
-        lines += [f"{', '.join(f'`{name}` {value}' for name, value in rows.items())}.", ""]
-    elif rows:
+    inner = INNER.get(named.__name__, ())
+    rows = {name: row for name, row in _rows(named, parts).items() if name not in inner}
+    if rows:
         lines += [f"- `{name}`: {_cell(_first(meaning))}" for name, meaning in rows.items()] + [""]
-    if text := parts.get("Returns"):
-        lines += [f"Returns: {_sentence(text)}", ""]
+    if named.__name__ == "run":
+        lines += ["Other parameters are options of `hertzloop run`.", ""]
+    text = _sentence(parts.get("Returns", ""))
+    if len(text.split()) > 3:  # a shorter one says what the first sentence says
+        lines += [f"Returns: {text}", ""]
     return lines
+
+
+def is_result(named: Any) -> bool:
+    """Whether a class is listed with the names of its attributes alone."""
+    return named.__name__ in (*RESULTS, *ELSEWHERE)
+
+
+def result(named: Any) -> str:
+    """The line of a result or a request: its attributes, or where they are explained."""
+    where = ELSEWHERE.get(named.__name__, "")
+    if named.__name__ not in RESULTS:
+        return f"- `{named.__name__}`: {where}"
+    _, parts = parts_of(inspect.getdoc(named) or "")
+    names = dict.fromkeys([*getattr(named, "__annotations__", ()), *_rows(named, parts)])
+    shown = ", ".join(f"`{name}`" for name in names if not name.startswith("_"))
+    return f"- `{named.__name__}`: {shown}{where and f'; {where}'}"
 
 
 def _summary(named: Any) -> str:

@@ -49,8 +49,7 @@ class Run:
         momentum_residual: missing part of the momentum balance, relative.
         events: events of a recording; empty without one.
         path: the recording, if one was kept.
-        pacing: late forces and response times of a paced run, with the names of
-            `hertzloop inspect --json`; None in lock-step.
+        pacing: late forces and response times of a paced run, as in `hertzloop inspect --json`.
         note: note in the recording; empty without one.
     """
 

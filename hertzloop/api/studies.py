@@ -58,10 +58,9 @@ def sweep(
         options: other fields of the request, for example `workers=1`.
 
     Returns:
-        Dataset over `case`, each variable of shape (cases,). The varied keys are coordinates, and
-        the names of the metrics end in their units (see `CaseMetrics`). A metric that a case does
-        not have is nan; `state` and `status` say why. `growth_per_s` is the growth of the linear
-        loop: 0 if it is stable, nan without one.
+        Dataset over `case`, each variable of shape (cases,): the metrics of `CaseMetrics`, nan
+        where `state` and `status` say why, and `growth_per_s` of the linear loop: 0 if it is
+        stable, nan without one. The varied keys are coordinates.
 
     Raises:
         DesignError: the ranges cannot be used.
@@ -117,7 +116,7 @@ def tune(
 def budget(
     scene: AnyScene, request: "BudgetRequest | None" = None, **options: Any
 ) -> "BudgetResult":
-    """Find how much latency and how few bits a law tolerates, and five more quantities.
+    """Find what a law tolerates: latency, bits and five more quantities.
 
     Args:
         scene: the scene with its law, or its name or TOML file.
@@ -167,8 +166,7 @@ def linear(scene: AnyScene | Setup, quantity: str | None = None) -> "LinearSyste
         quantity: "v_p" (m/s), "acceleration" (m/s^2) or "xi" (m); that of the scene by default.
 
     Returns:
-        Poles, residues and finite impulse response, with methods for frequency response, state
-        space, python-control and files.
+        Poles, residues and finite impulse response.
 
     Raises:
         SceneError: the scheme or the quantity has no such response.
@@ -203,7 +201,7 @@ def read_records(path: str | Path, **table: Any) -> "list[Record]":
 
     Args:
         path: a file of `read_record`.
-        table: keys of the tables, which replace those of the file.
+        table: as for `read_record`.
 
     Returns:
         The records, in SI units.
@@ -230,9 +228,9 @@ def fit(
     Args:
         scene: the scene, or its name or TOML file, with start values.
         records: one or several, as a `Record` or the path of its file.
-        free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"` as on the command line.
+        free: the keys to fit, `"KEY"`, `"KEY=LOW:HIGH"` or `"KEY±PRIOR"`.
         hold_out: records to compare with the fitted scene only.
-        exact: whether the model is taken as exact, so that only noise may spoil a record.
+        exact: whether to take the model as exact.
 
     Returns:
         Estimates with 95 % intervals and verdicts; `setup.scene` is the fitted scene.

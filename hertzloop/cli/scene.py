@@ -81,10 +81,7 @@ def keys(
         fail(f"PART = '{part}': no key contains it. List all keys with: hertzloop scene keys")
     table = Table("key", "value", "meaning")
     for key in chosen:
-        unit = f" ({key.unit})" if key.unit else ""
-        default = key.default if key.default in ("", "needed") else f"default {key.default}"
-        takes = all_keys.value_of(key) + unit + (default and f"; {default}")
-        table.add_row(key.name, takes, key.meaning)
+        table.add_row(key.name, all_keys.value_of(key), key.meaning)
     out.print(table)
 
 

@@ -37,26 +37,24 @@ class ControllerTable(SceneTable):
     model_config = ConfigDict(extra="allow")
 
     law: str = DEFAULT_LAW
-    """control law: a shipped name, a file (mine.py, mine.py:Name), package.module:Name, an entry
-    point, a library (mine.so), or a co-simulation unit (mine.fmu)"""
+    """control law: a shipped name, a file (mine.py, mine.so, mine.fmu), or package.module:Name"""
     law_digest: str | None = None
     """required digest of a law that is not shipped"""
     latency_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
     """latency in addition to one step"""
     latency_trace: tuple[Annotated[float, Field(ge=0.0, le=1e6)], ...] | None = None
-    """latencies by sample, us, for latency_us: a file, a table with file and what it leaves open,
-    or a list; whole steps; commands keep order"""
+    """latencies by sample, us, in place of latency_us: a file, a table with file and what it leaves
+    open, or a list"""
     latency_trace_use: Literal["replay", "resample"] | None = None
-    """replay the trace as it is (default), or resample blocks of it by the seed"""
+    """replay the trace as it is, or resample blocks of it by the seed; default: replay"""
     latency_trace_from: Literal["sample", "tick"] | None = None
-    """start of the latencies of the trace: the sample (default), or the tick of the controller's
-    clock, for which a command waits before"""
+    """start of the latencies of the trace: the sample, or the tick of the controller's clock;
+    default: sample"""
     jitter_us: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """largest random addition to the latency; commands keep their order, so that 20 us of jitter
-    make the force 15.6 us older on average"""
+    """largest random addition to the latency; commands keep their order"""
     clock_ppm: Annotated[float, Field(ge=-1e5, le=1e5)] = 0.0
-    """how fast the controller's own clock is, positive if it gains on the plant's; each command
-    waits for its first tick at or after the sample, so that the latency drifts"""
+    """how fast the controller's own clock is, positive if it gains on the plant's; a command waits
+    for its first tick at or after the sample"""
     clock_phase: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     """first tick of the controller's clock after the start, in periods of this clock"""
     drop_out_probability: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0

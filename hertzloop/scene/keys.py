@@ -72,9 +72,9 @@ def _of_tables(tables: list[type[BaseModel]], before: str) -> Iterator[Key]:
             found = _key(before + name, field, meaning)
             if len(having) < len(tables):  # a key of one kind of the table
                 kind = told(before[:-1], having[0])
-                with_kind = meaning if kind == found.name else f"{meaning} (with {kind})"
                 default = "" if found.default == "needed" else found.default
-                found = replace(found, default=default, meaning=with_kind.replace("\n", " "))
+                with_kind = "" if kind == found.name else f" (with {kind})"
+                found = replace(found, default=default, meaning=found.meaning + with_kind)
             yield found
 
 
@@ -109,14 +109,19 @@ def _of_laws() -> Iterator[Key]:
 
 
 def _key(name: str, field: FieldInfo, meaning: str) -> Key:
-    default = "" if field.is_required() or field.default is None else repr(field.default)
+    """A key. A default that the code works out follows the meaning, after "; default: "."""
+    meaning, _, default = meaning.replace("\n", " ").partition("; default: ")
+    if field.is_required():
+        default = "needed"
+    elif field.default is not None:
+        default = repr(field.default).replace("'", '"')
     return Key(
         name=name,
         kind=" or ".join(dict.fromkeys(_kinds(field.annotation))),
         unit=unit_of(name)[1],
         bounds=bounds_of(field),
-        default="needed" if field.is_required() else default.replace("'", '"'),
-        meaning=meaning.replace("\n", " "),
+        default=default,
+        meaning=meaning,
     )
 
 
@@ -148,23 +153,22 @@ def page() -> str:
         "",
         "The word before the dot is the table. `hertzloop scene keys` prints these keys, and",
         "with `--law mine.py` those of your own law. `hertzloop fit` writes the table `[fit]`.",
+        "Without a default, an omitted key has no effect, or other keys replace it.",
     ]
     for table, of_table in groupby(keys(), lambda key: key.name.rpartition(".")[0]):
         if table == "fit":
             continue
-        lines += ["", f"## `[{table}]`", ""] if table else [""]
-        lines += ["| key | value | default | means |", "|---|---|---|---|"]
-        for key in of_table:
-            unit = f"{' ' if key.bounds else ', '}{key.unit}" if key.unit else ""
-            lines.append(
-                f"| `{key.name}` | {value_of(key)}{unit} | {key.default} | {key.meaning} |"
-            )
+        lines += ["", *([f"## `[{table}]`", ""] if table else [])]
+        lines += [f"- `{key.name}` ({value_of(key)}): {key.meaning}" for key in of_table]
     return "\n".join(lines) + "\n"
 
 
 def value_of(key: Key) -> str:
-    """What a key takes, in words."""
-    return f"{key.kind}, {key.bounds}" if key.bounds else key.kind
+    """What a key takes: kind, unless it is a number with bounds; bounds and unit; default."""
+    bounds = f"{key.bounds} {key.unit}".strip()
+    kind = "" if key.kind == "number" and key.bounds else key.kind
+    default = key.default if key.default in ("", "needed") else f"default {key.default}"
+    return f"{', '.join(filter(None, (kind, bounds)))}{default and f'; {default}'}"
 
 
 def keys_of(law: str) -> list[Key]:

@@ -162,7 +162,7 @@ class SphereTable(Variant):
     """The falling sphere. `mass_kg` stands in for the density of its material."""
 
     material: MaterialKey = "steel"
-    """sphere material: a name, or numbers"""
+    """name, or numbers"""
     radius_m: Radius
     """sphere radius"""
     mass_kg: Mass | None = None
@@ -212,7 +212,7 @@ class PlateTable(Variant):
     damped mode; "auto" is "damped" where that is known."""
 
     material: MaterialKey
-    """plate material: a name, or numbers"""
+    """name, or numbers"""
     size_m: tuple[Side, Side] | None = None
     """plate length and width"""
     thickness_m: Thickness | None = None
@@ -259,7 +259,7 @@ class PlateBySizes(PlateTable):
     """edge conditions at x = 0, x = l_x, y = 0, y = l_y: c clamped, s simply supported, f free;
     default: ssss"""
     theory: TheoryName = "kirchhoff"
-    """structure of these sizes: Kirchhoff's thin plate, or the name of your own structure"""
+    """Kirchhoff's thin plate, or the name of your own structure"""
 
     @field_validator("edges")
     @classmethod
@@ -288,12 +288,12 @@ class ContactTable(Variant):
     damping: Literal["none", "viscous", "hunt_crossley", "relaxation"] = "none"
     """damping model of the contact"""
     plasticity: Literal["none", "thornton", "auto"] = "auto"
-    """plasticity of the contact: none, or the model of Thornton; "auto": Thornton where the first
-    impact would pass first yield"""
+    """yield of the contact by Thornton's model; "auto": where the first impact would pass first
+    yield"""
     limiting_pressure_pa: Annotated[float, Field(ge=1e3, le=1e13)] | None = None
     """limiting contact pressure at yield"""
     stiffness_factor: Annotated[float, Field(ge=1e-2, le=1e2)] | None = None
-    """factor on the stiffness of Hertz's contact, as of a fit; 1 if left out"""
+    """factor on the stiffness of Hertz's contact, as of a fit; default: 1"""
 
 
 class ViscousContact(ContactTable):
@@ -302,7 +302,7 @@ class ViscousContact(ContactTable):
     TOLD_BY = "damping", "viscous"
 
     viscous_n_s_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """viscous damping constant; the damper also pulls while the bodies separate"""
+    """damping constant; the damper also pulls while the bodies separate"""
 
 
 class HuntCrossleyContact(ContactTable):
@@ -311,8 +311,8 @@ class HuntCrossleyContact(ContactTable):
     TOLD_BY = "damping", "hunt_crossley"
 
     restitution: Annotated[float, Field(ge=1e-3, le=1.0)] = 1.0
-    """coefficient of restitution of Hunt-Crossley damping on a massive body, at the speed of the
-    first impact; later, slower impacts are damped less"""
+    """coefficient of restitution on a massive body, at the speed of the first impact; later, slower
+    impacts are damped less"""
 
 
 class RelaxingContact(ContactTable):
@@ -321,11 +321,11 @@ class RelaxingContact(ContactTable):
     TOLD_BY = "damping", "relaxation"
 
     relaxation_stiffness: Annotated[float, Field(ge=0.0, le=1e15)] = 0.0
-    """stiffness s_tau of relaxation damping, N/m^1.5"""
+    """stiffness s_tau, N/m^1.5"""
     relaxation_s: Annotated[float, Field(ge=1e-9, le=1e3)] = 1e-3
-    """time constant of relaxation damping"""
+    """time constant"""
     relaxation_solve: Literal["published", "bracketed"] = "bracketed"
-    """solver of relaxation damping: the published iteration or a bracketed one"""
+    """solver: the published iteration or a bracketed one"""
 
 
 KINDS: dict[str, type[Variant]] = {
@@ -355,31 +355,31 @@ class SensorsTable(SceneTable):
     full_scale: tuple[Level, Level] | Literal["auto", "contact", "none"] = "auto"
     """ADC range: lowest and highest value"""
     low_pass_hz: Annotated[float, Field(ge=1e-3, le=1e9)] | None = None
-    """cut-off frequency (3 dB) of the low-pass before sampling; none if left out"""
+    """cut-off frequency (3 dB) of the low-pass before sampling"""
     low_pass: Literal["butterworth", "bessel"] = "butterworth"
     """kind of the low-pass"""
     low_pass_order: Annotated[int, Field(ge=1, le=HIGHEST_ORDER)] = 1
     """order of the low-pass"""
     ac_coupling_hz: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
-    """corner of a first-order high-pass, as of a charge amplifier; none if left out"""
+    """corner of a first-order high-pass, as of a charge amplifier"""
     resonance_hz: Annotated[float, Field(ge=1.0, le=1e9)] | None = None
     """natural frequency of the sensor's own second-order response, as of a force cell"""
     resonance_damping: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
-    """damping of that response, of critical; 0.02 if left out"""
+    """damping of that response, of critical; default: 0.02"""
     noise_rms: Annotated[float, Field(ge=0.0, le=1e9)] = 0.0
     """standard deviation of the sensor noise, in the unit of the quantity"""
     fault: Literal["stuck", "offset", "spikes", "drop_outs", "saturation"] | None = None
-    """fault of the sensor: it repeats one reading, adds an offset, adds spikes to some samples,
-    repeats a reading in bursts, or cannot read beyond a size; none if left out"""
+    """fault of the sensor: it repeats one reading, adds an offset or spikes, repeats a reading in
+    bursts, or cannot read beyond a size"""
     fault_start_s: Annotated[float, Field(ge=0.0, le=1e9)] | None = None
-    """time at which the fault begins, from the start of the run; 0 if left out"""
+    """time at which the fault begins, from the start of the run; default: 0"""
     fault_duration_s: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
-    """length of the fault, or of a burst of drop_outs (default: one sample); to the end of the run
-    if left out"""
+    """length of the fault, or of a burst of drop_outs; default: to the end of the run, a burst one
+    sample"""
     fault_size: Annotated[float, Field(ge=-1e9, le=1e9)] | None = None
     """offset, size of a spike, or largest reading either way, in the quantity's unit"""
     fault_probability: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
-    """probability that a sample has a spike, or begins a burst of drop_outs; 0.01 if left out"""
+    """probability that a sample has a spike, or begins a burst of drop_outs; default: 0.01"""
 
     point_m: Point | None = None
     """point of the sensor on the plate, for plate quantities; default: the contact point"""
@@ -410,9 +410,9 @@ class ActuatorTable(SceneTable):
     force_limit_n: Annotated[float, Field(gt=0.0, le=1e9)] | None = None
     """largest actuator force in either direction"""
     dead_time_us: Annotated[float, Field(ge=0.0, le=1e6)] | None = None
-    """delay between command and force that the law does not know; none if left out"""
+    """delay between command and force that the law does not know"""
     stuck_from_s: Annotated[float, Field(ge=0.0, le=1e9)] | None = None
-    """time from which the actuator holds its force and ignores commands; never if left out"""
+    """time from which the actuator holds its force and ignores commands"""
 
     _no_mass = field_validator("mass_kg", mode="before")(_none_of_zero)
 
@@ -430,7 +430,7 @@ class RunTable(SceneTable):
     scheme: SchemeName = "modal"
     """numerical scheme; "thesis2008": the scheme of the published study"""
     plate_model: Literal["auto", "modal", "infinite"] = "auto"
-    """plate model: modes or an infinite plate; "auto": the cheaper one that meets run.accuracy"""
+    """modes or an infinite plate; "auto": the cheaper one that meets run.accuracy"""
     lead_in_s: Annotated[float, Field(ge=0.0, le=1e3)] = 1e-3
     """time of flight before the first contact"""
     touch_phase: Annotated[float, Field(ge=0.0, le=1.0)] | Literal["random"] = 0.5

@@ -134,7 +134,7 @@ class LinearSystem(TransferFunction):
     def to_control(self, latency: bool = False) -> "control.StateSpace":
         """Return a discrete state space of python-control (extra `control`).
 
-        python-control's own margins fail from a few lightly damped modes on. Use
+        The margins of python-control fail from a few lightly damped modes on. Use
         `hertzloop margin` for these.
         """
         need("control")

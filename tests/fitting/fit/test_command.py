@@ -67,9 +67,12 @@ def test_the_command_writes_json_scene_and_picture(tmp_path):
 
 
 _PAGE = Path(__file__).parents[3] / "docs" / "reference" / "fit-json.md"
+# A field without a type is a number; "or null" alone stands for "number or null".
 FIELDS = {
-    name: kind
-    for names, kind in re.findall(r"^\| (`[^|]+`) \| ([^|]+) \|", _PAGE.read_text("utf-8"), re.M)
+    name: f"number {kind}".strip() if kind in ("", "or null") else kind
+    for names, kind in re.findall(
+        r"^- ((?:`[^`]+`,? ?)+)(?:\(([^)]+)\))?: ", _PAGE.read_text("utf-8"), re.M
+    )
     for name in re.findall(r"`([^`]+)`", names)
 }
 

@@ -36,7 +36,7 @@ def test_hellos_of_all_shipped_scenes_and_laws_are_as_small_as_stated():
             said.shared_memory.CopyFrom(offer)
             sizes.append(said.ByteSize())
     least, most = (
-        int(x.replace(",", "")) for x in re.findall(r"\| `hello` \| (\S+) to (\S+) ", WIRE)[0]
+        int(x.replace(",", "")) for x in re.findall(r"- `hello`: (\S+) to (\S+) ", WIRE)[0]
     )
     assert len(sizes) > 50
     assert least - 20 < min(sizes) <= max(sizes) < most + 20  # versions of packages are part of it
