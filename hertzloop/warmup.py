@@ -15,7 +15,6 @@ import numpy as np
 from hertzloop.bus.sockets import own_folder
 from hertzloop.common.jit.folder import cache_folder, has_room, types_digest
 from hertzloop.common.jit.progress import report_functions
-from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.processes.signals import end_with_parent
 from hertzloop.scene.build import build_plant, build_sensor, free_series
 from hertzloop.scene.controller import bound_law
@@ -215,9 +214,7 @@ def _compile_beside(parent: int) -> None:
     if Work.EXCHANGE in works:
         answering.load()
     if Work.RESULTS in works or Work.LOOP in works:
-        truth = _made_up_contact(moment)
-        metrics_of(moment, truth)
-        impacts_in(moment.plant, truth)
+        metrics_of(moment, _made_up_contact(moment))
     if setup.scene.controller.law_is_shipped:  # one of the user's is not imported once more
         bound_law(setup)
 

@@ -6,25 +6,26 @@ impact does not count.
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hertzloop.loop.impact_end import impact_follower
 from hertzloop.plant.metrics import impact_kernels
 from hertzloop.plant.metrics.impact_kernels import END
-from hertzloop.plant.metrics.impacts import Impact, contacts, noise_inputs, part_of
+from hertzloop.plant.metrics.impacts import Impact, contacts, first_contact
 from hertzloop.plant.metrics.noise import (
     ImpactNoise,
     PublishedContact,
     impact_noise,
+    modal_drive,
     published_noise,
 )
 from hertzloop.plant.plant import modes_of
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
-from hertzloop.plant.time_series import F_A, F_C, XI
+from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1, V_P, XI
 from hertzloop.scene.setup import Setup
 
 _BEHIND = 2  # steps after an impact, in which the rebound is seen
@@ -81,38 +82,40 @@ def _impacts(setup: Setup, truth: np.ndarray, modes: Oscillators | None) -> Iter
     touching = truth[F_C] if consistent else (truth[XI] <= 0.0).astype(float)
     starts, ends = contacts(touching)
     speed_m_s = setup.plant.sphere.impact_speed_m_s
-    for start, following in zip(starts, [*starts[1:], truth.shape[1]], strict=False):
+    steps = truth.shape[1]
+    for start, end, following in zip(starts, [*ends, steps], [*starts[1:], steps], strict=False):
         if consistent:
-            found = _impact(setup, truth, start, following, modes or modes_of(setup.plant))
+            found = _impact(setup, truth, slice(start, end), following, modes)
             if found:
                 yield found
             continue
-        end = ends.pop(0) if ends else None
         impact, noise, elastic_n, speed_m_s = published_impact(
-            setup, truth[:, start : None if end is None else end + 1], start, speed_m_s
+            setup, truth[:, start : end + 1], start, speed_m_s
         )
         stop = start + len(elastic_n)
-        yield ImpactMetrics(start, stop, stop, elastic_n, end is not None, impact, noise)
+        yield ImpactMetrics(start, stop, stop, elastic_n, end < steps, impact, noise)
 
 
 def _impact(
-    setup: Setup, truth: np.ndarray, start: int, following: int, modes: Oscillators
+    setup: Setup, truth: np.ndarray, contact: slice, following: int, modes: Oscillators | None
 ) -> ImpactMetrics | None:
-    """Return the impact from step `start`, before that of the `following` contact or the end; None
-    if there is too little of it."""
-    spec, lead, steps = setup.plant, min(start, 1), truth.shape[1]
-    lasts, own = impact_follower(setup), truth[:, start:following]
-    impact_kernels.follow_steps(lasts, own[F_C], own[F_A], own[XI])
+    """Return the impact of a contact, before that of the `following` one or the end; None if there
+    is too little of it."""
+    spec, start, modes = setup.plant, contact.start, modes or modes_of(setup.plant)
+    lasts, before = impact_follower(setup), max(start - 1, 0)
+    impact_kernels.follow_steps(lasts, *truth[[F_C, F_A, XI], start:following])
     over = start + int(lasts.counts[END])
     # The next impact counts with its first step.
-    rows = truth[:, start - lead : min(over + _BEHIND, following + 1)]
-    part = part_of(spec, modes, rows, slice(lead, lead + over - start), start - lead)
-    if part.impact is None:
+    impact = first_contact(spec, truth[:, before : min(over + _BEHIND, following + 1)], before)
+    if impact is None:
         return None
-    impact, end = part.impact, start + part.touching
-    noise = impact_noise(spec, modes, noise_inputs(impact, part.drive, part.speed_max_m_s))
-    contact_n = truth[F_C, start:end].copy()
-    return ImpactMetrics(start, end, over, contact_n, end < steps, impact, noise)
+    own = truth[:, start:over]
+    drive = modal_drive(modes, spec.step_s, -own[[F_C, F_C1]], own[[F_A, F_A1]])
+    whole = replace(impact, plate_speed_max_m_s=float(np.abs(own[V_P]).max()))
+    noise = impact_noise(spec, modes, whole, drive)
+    contact_n = truth[F_C, contact].copy()
+    ended = contact.stop < truth.shape[1]
+    return ImpactMetrics(start, contact.stop, over, contact_n, ended, impact, noise)
 
 
 _GREEN_STEPS = 1 << 17  # Green's functions of longer runs are sampled as far as a contact needs

@@ -7,10 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from hertzloop.plant.metrics.impacts import Impact, work_j
+from hertzloop.plant.metrics.impacts import Impact, step_work_j
 from hertzloop.plant.metrics.noise import (
     RADIATED_UP_TO_HZ,
-    NoiseInputs,
     audible,
     audible_alone,
     impact_noise,
@@ -55,22 +54,18 @@ def whole_run(spec: PlantSpec, truth: np.ndarray, impacts: Sequence[Impact]) -> 
         return None
     start = int(np.argmax(truth[F_C] != 0.0))
     before = min(start, 1)
-    work = work_j(spec, truth[:, start - before :], before)
+    work_j = step_work_j(spec, truth[:, start - before :])[before:].sum()
     rows, modes = truth[:, start:], audible_modes(spec)
-    drive: np.ndarray | float = 0.0
+    drive = np.zeros(len(modes.omega), complex)
     pushed = np.flatnonzero((rows[F_C] != 0.0) | (rows[F_A] != 0.0))
     for some in np.split(pushed, np.flatnonzero(np.diff(pushed) > _APART) + 1):
-        own, first = rows[:, some[0] : some[-1] + 1], int(some[0])
-        drive = drive + modal_drive(
-            modes, -own[F_C], own[F_A], spec.step_s, -own[F_C1], first, own[F_A1]
-        )
-    given = NoiseInputs(
-        np.asarray(drive),
-        work,
-        float(np.abs(rows[V_P]).max()),
-        impacts[0].duration_s,
-        impacts[0].impact_speed_m_s,
-        impacts[-1].rebound_speed_m_s,
+        own = rows[:, some[0] : some[-1] + 1]
+        late = np.exp(-1j * modes.omega * (some[0] * spec.step_s))
+        drive += late * modal_drive(modes, spec.step_s, -own[[F_C, F_C1]], own[[F_A, F_A1]])
+    whole = replace(
+        impacts[0],
+        rebound_speed_m_s=impacts[-1].rebound_speed_m_s,
+        plate_energy_j=float(work_j),
+        plate_speed_max_m_s=float(np.abs(rows[V_P]).max()),
     )
-    noise = impact_noise(spec, modes, given)
-    return span_metrics(SpanParts(spec, impacts, noise))
+    return span_metrics(SpanParts(spec, impacts, impact_noise(spec, modes, whole, drive)))

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hertzloop.plant.contact.hertz import Sphere
-from hertzloop.plant.metrics import spectrum_kernels
+from hertzloop.plant.metrics.impacts import Impact
+from hertzloop.plant.one_thread import on_one_thread
 from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.plant.structures.modes import Oscillators
@@ -133,36 +134,22 @@ def closed_forms(
     }
 
 
-def force_spectrum(
-    force_n: np.ndarray,
-    step_s: float,
-    frequency_hz: np.ndarray,
-    slope_n: np.ndarray | None = None,
-) -> np.ndarray:
-    """F(w) of a force F + F_1 (2 t/h - 1) over every step, F_1 = `slope_n` or zero, at any
-    frequencies; N s, shape of the latter.
-
-    The exact transform: with a = w h/2 the sum of the samples times h e^(-i a) sin(a)/a, and of
-    the slopes times h e^(-i a) (-i) (sin a - a cos a)/a^2.
-    """
-    powers, held, tilted = _transform(np.asarray(frequency_hz, dtype=float).tobytes(), step_s)
-    found = np.zeros(len(held), complex)
-    spectrum_kernels.add_spectrum(force_n, 1.0, powers, held, found)
-    if slope_n is not None:
-        spectrum_kernels.add_spectrum(slope_n, 1.0, powers, tilted, found)
-    return found
-
-
-_BLOCK = 64
+_BLOCK, _BLOCKS_AT_ONCE = 64, 64  # steps of a block, and blocks that are summed together
 _PAIRS_AT_ONCE = 1 << 23  # of two frequencies
 
 
 @lru_cache(maxsize=16)
-def _transform(frequency_hz: bytes, step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`powers`, `held` and `tilted` of `Spectra` at frequencies (Hz) that are given as bytes; kept,
-    since the impacts of a scene are taken apart at the same ones."""
-    frequency = np.frombuffer(frequency_hz)
-    omega, half = 2.0 * np.pi * frequency, np.pi * frequency * step_s
+def _transform(modes: Oscillators, step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What transforms the steps of a force at the frequencies of oscillators.
+
+    A force F_0 + F_1 (2 t/h - 1) over every step has, with a = w h/2, the sum of F_0 e^(-i w n h)
+    times h e^(-i a) sin(a)/a, and that of F_1 times h e^(-i a) (-i) (sin a - a cos a)/a^2.
+
+    Returns:
+        e^(-i w n h) for n from 0 to a block's length, shape (_BLOCK + 1, oscillators), and both
+        factors, shape (oscillators,).
+    """
+    half = 0.5 * modes.omega * step_s
     held = step_s * np.sinc(half / np.pi) * np.exp(-1j * half)
     # (sin a - a cos a)/a^2 = a/3 (1 - a^2/10 + ...)
     small = np.abs(half) < 1e-2
@@ -171,71 +158,41 @@ def _transform(frequency_hz: bytes, step_s: float) -> tuple[np.ndarray, np.ndarr
         small, half / 3.0 * (1.0 - half * half / 10.0), (np.sin(a) - a * np.cos(a)) / (a * a)
     )
     tilted = -1j * odd * np.exp(-1j * half) * step_s
-    powers = np.exp(-1j * step_s * np.arange(_BLOCK + 1)[:, None] * omega)
-    return np.stack([powers.real, powers.imag]), held, tilted
+    return np.exp(-1j * step_s * np.arange(_BLOCK + 1)[:, None] * modes.omega), held, tilted
 
 
-@lru_cache(maxsize=16)
-def spectra_of(modes: Oscillators, step_s: float) -> spectrum_kernels.Spectra:
-    """What forces at contact and actuator become at the frequencies of some oscillators."""
-    by = _transform((modes.omega / (2.0 * np.pi)).tobytes(), step_s)
-    return spectrum_kernels.Spectra(*by, modes.contact, modes.actuator)
-
-
-def modal_shares_j(
-    modes: Oscillators,
-    contact_n: np.ndarray,
-    actuator_n: np.ndarray,
-    step_s: float,
-    slope_n: np.ndarray | None = None,
-    actuator_slope_n: np.ndarray | None = None,
+@on_one_thread
+def modal_drive(
+    modes: Oscillators, step_s: float, contact_n: np.ndarray, actuator_n: np.ndarray
 ) -> np.ndarray:
-    """Energy that every oscillator takes from forces up on the plate at the contact and at the
-    actuator, lambda/2 |Phi_c F_c(w_n) + Phi_a F_a(w_n)|^2; J, shape (oscillators,).
-    `slope_n`, `actuator_slope_n`: their change over a step, see `force_spectrum`.
+    """Phi_c F_c(w_n) + Phi_a F_a(w_n) of every oscillator, N s, shape (oscillators,).
+
+    Args:
+        modes: The oscillators.
+        step_s: Length of a step.
+        contact_n: Mean and slope of the force up on the plate at the contact, N, (2, steps).
+        actuator_n: The same of the actuator.
+    """
+    powers, held, tilted = _transform(modes, step_s)
+    forces = np.concatenate([contact_n, actuator_n])
+    forces = np.pad(forces, ((0, 0), (0, -forces.shape[1] % _BLOCK))).reshape(4, -1, _BLOCK)
+    sums = np.zeros((4, len(modes.omega)), complex)
+    for end in range(forces.shape[1], 0, -_BLOCKS_AT_ONCE):
+        first = max(end - _BLOCKS_AT_ONCE, 0)
+        blocks = (forces[:, first:end] @ powers[:_BLOCK].view(float)).view(complex)
+        for block in blocks.swapaxes(0, 1)[::-1]:  # from block to block, which keeps digits
+            sums = sums * powers[_BLOCK] + block
+    contact, actuator = held * sums[::2] + tilted * sums[1::2]
+    return np.asarray(modes.contact * contact + modes.actuator * actuator)
+
+
+def shares_of_drive_j(modes: Oscillators, drive: np.ndarray) -> np.ndarray:
+    """Energy that every oscillator takes, lambda/2 |drive|^2; J, shape (oscillators,).
 
     The integral of |F|^2 Re Y/pi over all frequencies for a spectrum that is smooth over a
     resonance; exact without damping. It needs no grid of frequencies, which for a loss
     factor of 1e-4 would have to be finer than 0.01 Hz.
     """
-    drive = modal_drive(modes, contact_n, actuator_n, step_s, slope_n, 0, actuator_slope_n)
-    return shares_of_drive_j(modes, drive)
-
-
-def modal_drive(
-    modes: Oscillators,
-    contact_n: np.ndarray,
-    actuator_n: np.ndarray,
-    step_s: float,
-    slope_n: np.ndarray | None = None,
-    first_step: int = 0,
-    actuator_slope_n: np.ndarray | None = None,
-) -> np.ndarray:
-    """Phi_c F_c(w_n) + Phi_a F_a(w_n) of every oscillator, N s, shape (oscillators,).
-
-    For forces that follow each other in pieces, each with its `first_step`, the sum is that of
-    the whole.
-    """
-    driven, none = np.zeros(len(modes.omega), complex), np.zeros(0)
-    spectrum_kernels.drive(
-        contact_n,
-        none if slope_n is None else slope_n,
-        1.0,
-        actuator_n,
-        none if actuator_slope_n is None else actuator_slope_n,
-        spectra_of(modes, step_s),
-        driven,
-    )
-    return turned(modes, driven, first_step * step_s)
-
-
-def turned(modes: Oscillators, drive: np.ndarray, late_s: float) -> np.ndarray:
-    """The drive of oscillators by the same forces, but later by `late_s`."""
-    return drive * np.exp(-1j * modes.omega * late_s) if late_s else drive
-
-
-def shares_of_drive_j(modes: Oscillators, drive: np.ndarray) -> np.ndarray:
-    """Energy that every oscillator takes, lambda/2 |drive|^2; J, shape (oscillators,)."""
     return np.asarray(0.5 * modes.scale_per_kg * np.abs(drive) ** 2)
 
 
@@ -303,40 +260,23 @@ def audible_bins_hz(length: int, step_s: float) -> np.ndarray:
     return np.asarray(bins[bins <= RADIATED_UP_TO_HZ])
 
 
-class NoiseInputs(NamedTuple):
-    """What the noise metrics of an impact follow from, from its start until it is over.
-
-    Attributes:
-        drive: of every oscillator by the forces at contact and actuator (see `modal_drive`), N s.
-        work_j: work of both forces on the plate, J.
-        plate_speed_max_m_s: largest plate speed at the contact point, m/s.
-        contact_time_s: contact time, s.
-        impact_speed_m_s: speed of the sphere before, positive downwards, m/s.
-        rebound_speed_m_s: speed of the sphere after, positive upwards, m/s.
-    """
-
-    drive: np.ndarray
-    work_j: float
-    plate_speed_max_m_s: float
-    contact_time_s: float
-    impact_speed_m_s: float
-    rebound_speed_m_s: float
-
-
-def impact_noise(spec: PlantSpec, modes: Oscillators, given: NoiseInputs) -> ImpactNoise:
-    """Metrics of an impact of the consistent scheme.
+def impact_noise(
+    spec: PlantSpec, modes: Oscillators, impact: Impact, drive: np.ndarray
+) -> ImpactNoise:
+    """Metrics of an impact of the consistent scheme, from its start until it is over; `drive`: of
+    every oscillator by the forces at contact and actuator (see `modal_drive`), N s.
 
     Radiated energies are nan for any other structure than a simply supported plate, whose
     efficiencies are known. Without modes (`plant.NO_MODES`) all sums over modes are nan.
     """
-    shares_j = shares_of_drive_j(modes, given.drive)
+    shares_j = shares_of_drive_j(modes, drive)
     return ImpactNoise(
         **closed_forms(
-            spec.sphere, given.contact_time_s, given.impact_speed_m_s, given.rebound_speed_m_s
+            spec.sphere, impact.duration_s, impact.impact_speed_m_s, impact.rebound_speed_m_s
         ),
-        transmitted_j=given.work_j,
+        transmitted_j=impact.plate_energy_j,
         transmitted_spectrum_j=float(shares_j.sum()) if modes.modes else math.nan,
-        plate_speed_max_m_s=given.plate_speed_max_m_s,
+        plate_speed_max_m_s=impact.plate_speed_max_m_s,
         **_radiated_j(spec.plate.simply_supported, modes, shares_j),
     )
 
@@ -414,7 +354,9 @@ def published_noise(
     speed = step_s * np.convolve(green_v[: len(force)], force)[: len(force)]
     rebound = contact.relative_speed_m_s + float(speed[-1])
     time_s = (len(force) + 1) * step_s
-    shares = modal_shares_j(modes, -contact.elastic_n, contact.f_a, step_s)
+    held = np.zeros((2, 2, len(force)))
+    held[:, 0] = -contact.elastic_n, contact.f_a
+    shares = shares_of_drive_j(modes, modal_drive(modes, step_s, *held))
     length = fft_length(len(force))
     real, efficiencies = _audible(plate, point_m, float(np.pi / step_s), length, step_s)
     sounds = _radiated_j(plate, modes, shares)

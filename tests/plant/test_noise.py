@@ -14,7 +14,7 @@ from hertzloop.plant.schemes.thesis2008 import green_functions
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.time_series import F_A, F_C, F_C1
+from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1
 from tests.plant.rigs import spec
 
 PLATES = {
@@ -78,23 +78,15 @@ def test_published_peak_pressure_and_longhorn_rows():
     assert noise.rebound_height_m(0.99045) == pytest.approx(0.05, rel=1e-4)
 
 
-def test_spectrum_of_steps_is_exact():
-    force = np.array([0.0, 2.0, -1.0, 0.5, 0.0, 0.0, 3.0])
-    h, f = 1e-4, np.array([0.0, 123.4, 999.0, 7777.0])
-    fine = (np.arange(7 * 20000) + 0.5) * h / 20000
-    signal = np.repeat(force, 20000)
-    expected = [np.sum(signal * np.exp(-2j * np.pi * x * fine)) * h / 20000 for x in f]
-    np.testing.assert_allclose(noise.force_spectrum(force, h, f), expected, rtol=1e-7, atol=1e-12)
-    assert not noise.force_spectrum(np.zeros(5), h, f).any()
-
-
 @pytest.mark.parametrize("beside", [None, (0.28, 0.21)])
 def test_spectrum_gives_the_energy_that_an_undamped_plate_took(beside):
     plant = ModalPlant(spec(loss_factor=0.0, actuator_point_m=beside, limit_hz=60e3))
     rows = series_under(plant, 20.0 * np.sin(np.arange(300) / 9.0))
     balance = plant.close_balance()
-    shares = noise.modal_shares_j(plant.modes, -rows[F_C], rows[F_A], 1e-6, -rows[F_C1])
-    assert np.sum(shares) == pytest.approx(balance.modal_j, rel=1e-9)
+    drive = noise.modal_drive(plant.modes, 1e-6, -rows[[F_C, F_C1]], rows[[F_A, F_A1]])
+    assert np.sum(noise.shares_of_drive_j(plant.modes, drive)) == pytest.approx(
+        balance.modal_j, rel=1e-9
+    )
 
 
 def test_mobility_of_many_modes_is_that_of_an_infinite_plate():
