@@ -36,8 +36,9 @@ from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.growth import growth_of
 from hertzloop.studies.margin.identify import NotLinearError, law_filter
 from hertzloop.studies.margin.linear import TransferFunction
-from hertzloop.studies.margin.loop import Loop, loops_of
+from hertzloop.studies.margin.loop import loops_of
 from hertzloop.studies.margin.poles import closed_loop_poles
+from hertzloop.studies.margin.table import Loop
 
 _E_FOLDS = 60.0
 _SHOWS = 5.0  # e-folds over the flight from which the sign of a growth must be right

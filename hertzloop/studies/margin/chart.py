@@ -11,7 +11,8 @@ from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.binding import binding_mode, mode_name
 from hertzloop.studies.margin.flight import Margin
-from hertzloop.studies.margin.loop import Loop, PolyphaseLoop, loops_of
+from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
+from hertzloop.studies.margin.table import Loop
 from hertzloop.studies.pages import pictures
 
 _RADIUS = 3.5  # of the Nyquist plot at most; resonances leave it, the neighbourhood of -1 stays
@@ -75,8 +76,7 @@ def _nyquist(ax: Any, loop: Loop, delay: int, peak: float | None) -> None:
     theta = loop.table.theta
     most = 4.0 * math.pi / max(delay, 1)  # the delay turns between two points
     parts = [np.linspace(a, b, 2 + int(40.0 * (b - a) / most))[:-1] for a, b in pairwise(theta)]
-    z = np.exp(1j * np.concatenate([*parts, theta[-1:]]))
-    value = _curved(loop.gain(z) * z ** -float(delay))
+    value = _curved(loop.delayed(np.concatenate([*parts, theta[-1:]]), delay))
     ax.plot(value.real, value.imag, color=_BLUE, linewidth=0.5, label="L")
     radius = 1.0 / peak if peak else 0.5
     circle = _curved(-1.0 + radius * np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 300)))

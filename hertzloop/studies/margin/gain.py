@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 
-from hertzloop.studies.margin.loop import Loop
 from hertzloop.studies.margin.poles import closed_loop_poles
-from hertzloop.studies.margin.table import NO_GAIN
+from hertzloop.studies.margin.table import NO_GAIN, Loop
 
 _NO_GAIN = 1e-4  # a gain margin below it depends on the damping that `damped` adds
 
@@ -18,17 +17,17 @@ def phase_crossings(loop: Loop, delay: int) -> tuple[np.ndarray, np.ndarray]:
     if len(theta) < 4 * delay:  # the delay alone turns faster than the grid
         more = np.linspace(0.0, math.pi, 8 * delay)
         theta = np.concatenate([theta, more])
-        full = np.concatenate([full, loop.table.gain(more, delay)])
+        full = np.concatenate([full, loop.delayed(more, delay)])
         order = np.argsort(theta)
         theta, full = theta[order], full[order]
     change = np.flatnonzero((full.imag[1:] > 0) != (full.imag[:-1] > 0))
     low, high, up = theta[change], theta[change + 1], full.imag[change] > 0
     for _ in range(45):
         middle = 0.5 * (low + high)
-        same = (loop.table.gain(middle, delay).imag > 0) == up
+        same = (loop.delayed(middle, delay).imag > 0) == up
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     at = np.concatenate([0.5 * (low + high), [0.0, math.pi]])
-    there = loop.table.gain(at, delay).real
+    there = loop.delayed(at, delay).real
     return at[there < 0.0], -there[there < 0.0]
 
 
@@ -59,7 +58,7 @@ def sensitivity(loop: Loop, delay: int) -> tuple[float, float]:
     theta = needle_angles(loop, delay)
 
     def both(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        s = 1.0 / (1.0 + loop.table.gain(at, delay))
+        s = 1.0 / (1.0 + loop.delayed(at, delay))
         return np.abs(s), np.abs(s - 0.5)
 
     found = []

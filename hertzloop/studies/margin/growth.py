@@ -9,8 +9,9 @@ import numpy as np
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.margin.identify import NotLinearError
-from hertzloop.studies.margin.loop import Loop, law_digest, loop_setup, loops_of, why_no_loop
+from hertzloop.studies.margin.loop import law_digest, loop_setup, loops_of, why_no_loop
 from hertzloop.studies.margin.poles import closed_loop_poles
+from hertzloop.studies.margin.table import Loop
 
 _REAL = 1e-12  # rad: the angle of a real pole is this small by rounding
 

@@ -23,12 +23,7 @@ from hertzloop.studies.margin.flight import Margin
 from hertzloop.studies.margin.gain import needle_angles
 from hertzloop.studies.margin.identify import NotLinearError
 from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
-from hertzloop.studies.margin.table import (
-    FrequencyResponse,
-    SampledResponse,
-    middle_of_cubic,
-    refined,
-)
+from hertzloop.studies.margin.table import Loop, SampledResponse, middle_of_cubic, refined
 
 _HALVINGS, _POLISHES = 50, 4
 _CLOSE = 0.05  # largest error of an interpolated log size
@@ -141,22 +136,20 @@ class ErrorResponse:
     def __init__(self, loops: PolyphaseLoop, latency: int) -> None:
         n, first = len(loops.every), latency + loops.lead
         loop, self._delay = loops.at(latency)
-        self._loop = loop.table.log_of
-        self._steps = [
-            FrequencyResponse(loops.plant.in_step(n, (first + r) % n), loop.law) for r in range(n)
-        ]
+        self._loop = loop
+        self._steps = [Loop(loops.plant.in_step(n, (first + r) % n), loop.law) for r in range(n)]
         theta = needle_angles(loop, self._delay)[1:]  # the response is zero at Z = 1
         self._samples = refined(theta, self.at, _unsure)
 
     def at(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return log |H_r|^2 and its slope by the angle, shape (steps, points), at angles above 0
         and up to pi, shape (points,)."""
-        log_gain, slope = self._loop(theta)
+        log_gain, slope = self._loop.log_gain(theta)
         closed = 1.0 / (1.0 + np.exp(log_gain - 1j * self._delay * theta))
         value = 2.0 * np.log(2.0 * np.sin(0.5 * theta) * np.abs(closed))
         change = 1.0 / np.tan(0.5 * theta)
         change -= 2.0 * ((1.0 - closed) * (slope - 1j * self._delay)).real
-        steps = [one(theta) for one in self._steps]
+        steps = [one.log_gain(theta) for one in self._steps]
         return (
             np.array([value + 2.0 * step.real for step, _ in steps]),
             np.array([change + 2.0 * step.real for _, step in steps]),

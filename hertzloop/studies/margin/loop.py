@@ -1,7 +1,7 @@
 """The linear loop of a setup in flight: sampled plant, law, and latency."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -12,24 +12,7 @@ from hertzloop.scene.setup import Setup, resolve
 from hertzloop.studies.margin.identify import NotLinearError, law_filter
 from hertzloop.studies.margin.law_filters import INSIDE
 from hertzloop.studies.margin.linear import TransferFunction, plant_in_flight
-from hertzloop.studies.margin.table import NyquistTable, make_table
-
-
-@dataclass(frozen=True)
-class Loop:
-    """The loop gain of one remainder of the latency by the sampling interval."""
-
-    plant: TransferFunction
-    law: TransferFunction
-
-    @cached_property
-    def table(self) -> NyquistTable:
-        """The table of the loop gain, made when it is first asked for."""
-        return make_table(self.plant, self.law)
-
-    def gain(self, z: np.ndarray) -> np.ndarray:
-        """Return L without the whole samples of delay at complex `z`."""
-        return -self.law.at(z) * self.plant.at(z)
+from hertzloop.studies.margin.table import Loop
 
 
 @dataclass(frozen=True)

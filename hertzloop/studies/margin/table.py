@@ -7,6 +7,7 @@ round -1 there. Latency only turns these phases, so the table is made once (Nyqu
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,20 +55,12 @@ def _level(phase: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class NyquistTable:
-    """Arcs of a loop gain, its open-loop poles outside the circle, the grid with values, and the
-    function that evaluates it between them."""
+    """Arcs of a loop gain, its open-loop poles outside the circle, and the grid with values."""
 
     arcs: tuple[GainArc, ...]
     outside: int
     theta: np.ndarray
     log_gain: np.ndarray  # complex: log |L| and the unwrapped phase
-    log_of: "FrequencyResponse"
-
-    def gain(self, theta: np.ndarray, delay: int) -> np.ndarray:
-        """Return L with a delay in samples at angles from 0 to pi, shape (points,)."""
-        found = np.exp(self.log_of(theta)[0] - 1j * delay * theta)
-        real = (theta == 0.0) | (theta == math.pi)
-        return np.where(real, found.real, found)
 
     def unstable(self, delay: np.ndarray) -> np.ndarray:
         """Return the number of closed-loop poles outside the unit circle, by delay in samples."""
@@ -78,13 +71,28 @@ class NyquistTable:
         return np.round(found).astype(int)
 
 
-class FrequencyResponse:
-    """The loop gain L = -C P without latency on the upper unit circle."""
+@dataclass(frozen=True)
+class Loop:
+    """The loop gain L = -C P of a plant P and a law C, without the whole samples of delay."""
 
-    def __init__(self, plant: TransferFunction, law: TransferFunction) -> None:
-        self.plant, self.law = plant, law
+    plant: TransferFunction
+    law: TransferFunction
 
-    def __call__(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    @cached_property
+    def table(self) -> NyquistTable:
+        """The table of the loop gain, made when it is first asked for."""
+        return _make_table(self)
+
+    def gain(self, z: np.ndarray) -> np.ndarray:
+        """Return L at complex `z`."""
+        return -self.law.at(z) * self.plant.at(z)
+
+    def delayed(self, theta: np.ndarray, delay: int) -> np.ndarray:
+        """Return L with a delay in samples at angles from 0 to pi, shape (points,)."""
+        found = np.exp(self.log_gain(theta)[0] - 1j * delay * theta)
+        return np.where((theta == 0.0) | (theta == math.pi), found.real, found)
+
+    def log_gain(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return log L and its slope by the angle, complex, at angles from 0 to pi."""
         z = np.exp(1j * theta)
         p, p_1 = self.plant.with_slope(z)
@@ -188,19 +196,18 @@ def _unsure(left: SampledResponse, middle: SampledResponse, right: SampledRespon
     return bad & (np.max(sizes, axis=0) > _FAINT)
 
 
-def make_table(plant: TransferFunction, law: TransferFunction) -> NyquistTable:
-    """Return the table of the loop gain -C P without latency.
+def _make_table(loop: Loop) -> NyquistTable:
+    """Return the table of a loop gain.
 
     Where the cubic through log L passes |L| = 1 and the ends do not tell, a point is added.
     """
-    log_of = FrequencyResponse(plant, law)
-    poles = np.concatenate([plant.poles, law.poles])
-    samples = refined(grid(poles), log_of, _unsure)
+    poles = np.concatenate([loop.plant.poles, loop.law.poles])
+    samples = refined(grid(poles), loop.log_gain, _unsure)
     for i in range(_HIDDEN_ROUNDS):
         hidden = np.setdiff1d(_hidden(samples, _NEAR * 0.1**i), samples.theta)
         if not len(hidden):
             break
-        samples = samples.with_more(hidden, log_of)
+        samples = samples.with_more(hidden, loop.log_gain)
     theta, size = samples.theta, samples.value.real
     turns = np.concatenate([[0.0], np.cumsum(_wrapped(np.diff(samples.value.imag)))])
     phase = samples.value[0].imag + turns
@@ -209,10 +216,10 @@ def make_table(plant: TransferFunction, law: TransferFunction) -> NyquistTable:
     low, high = theta[change], theta[change + 1]
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        same = (log_of(middle)[0].real > 0.0) == above[change]
+        same = (loop.log_gain(middle)[0].real > 0.0) == above[change]
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     edge = 0.5 * (low + high)
-    edge_phase = phase[change] + _wrapped(log_of(edge)[0].imag - phase[change])
+    edge_phase = phase[change] + _wrapped(loop.log_gain(edge)[0].imag - phase[change])
     ends = list(zip(edge.tolist(), edge_phase.tolist(), strict=True))
     ends = [(0.0, float(phase[0]))] * bool(above[0]) + ends
     ends += [(math.pi, float(phase[-1]))] * bool(above[-1])
@@ -221,7 +228,7 @@ def make_table(plant: TransferFunction, law: TransferFunction) -> NyquistTable:
         for (start, start_phase), (end, end_phase) in zip(ends[::2], ends[1::2], strict=True)
     ]
     outside = int(np.sum(np.abs(poles) > 1.0))
-    return NyquistTable(tuple(arcs), outside, theta, size + 1j * phase, log_of)
+    return NyquistTable(tuple(arcs), outside, theta, size + 1j * phase)
 
 
 def _hidden(samples: SampledResponse, error: float) -> np.ndarray:

@@ -10,8 +10,8 @@ from hertzloop.studies.margin.chart import draw
 from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
-from hertzloop.studies.margin.loop import Loop
 from hertzloop.studies.margin.poles import closed_loop_poles
+from hertzloop.studies.margin.table import Loop
 from tests.commands import succeed
 from tests.hertzloop.scenes import json_in
 from tests.tiers import default
