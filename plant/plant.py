@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from copy import copy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
@@ -32,7 +32,7 @@ from hertzloop.plant.state_kernels import (
 )
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.structures.structure import Structure, compared_as, oscillators
+from hertzloop.plant.structures.structure import ComparedByParts, Structure, oscillators
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def balance(
 
 
 @dataclass(frozen=True, eq=False)
-class PlantSpec:
+class PlantSpec(ComparedByParts):
     """All that decides a run of the plant, in SI units.
 
     The run starts `lead_in_s` before the first contact (or at the release, if that is
@@ -145,22 +145,6 @@ class PlantSpec:
     def mass_at_contact(self) -> bool:
         """Whether the actuator's mass is on the contact point."""
         return self.actuator.mass_kg > 0.0 and self.same_point
-
-    @cached_property
-    def _parts(self) -> tuple[Any, ...]:
-        return tuple(compared_as(getattr(self, part.name)) for part in fields(self))
-
-    @cached_property
-    def _hash(self) -> int:
-        return hash(self._parts)
-
-    def __hash__(self) -> int:
-        """Kept, since many results are cached by the description of their plant."""
-        return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        """Whether both describe the same plant."""
-        return isinstance(other, PlantSpec) and self._parts == other._parts
 
     @property
     def simply_supported(self) -> Plate:

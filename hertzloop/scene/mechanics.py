@@ -1,7 +1,7 @@
 """What collides, in SI units: sphere, structure, contact and actuator."""
 
-from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 from hertzloop.plant.actuator import Actuator
@@ -21,7 +21,7 @@ from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import STRUCTURES, Description, maker, structure
-from hertzloop.plant.structures.structure import Structure, compared_as
+from hertzloop.plant.structures.structure import ComparedByParts, Structure
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.materials import find_material
@@ -60,7 +60,7 @@ class PlantTables(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Mechanics:
+class Mechanics(ComparedByParts):
     """What collides, in SI units: everything that does not depend on step, law or sensor.
 
     `sensor_point_m`: of a sensor elsewhere; None at the contact point. `weaker`: the body that
@@ -89,23 +89,6 @@ class Mechanics:
     def mass_at_contact(self) -> bool:
         """Whether the actuator's mass is on the contact point."""
         return self.actuator.mass_kg > 0.0 and self.same_point
-
-    @cached_property
-    def _parts(self) -> tuple[Any, ...]:
-        compared = (part.name for part in fields(self) if part.compare)
-        return tuple(compared_as(getattr(self, name)) for name in compared)
-
-    @cached_property
-    def _hash(self) -> int:
-        return hash(self._parts)
-
-    def __hash__(self) -> int:
-        """Computed once: a case of a sweep looks up what follows from it eight times."""
-        return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        """Whether both are the same bodies."""
-        return isinstance(other, Mechanics) and self._parts == other._parts
 
     @property
     def local_plate(self) -> Plate:

@@ -7,10 +7,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.modes import Modes, Point
+from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
 from hertzloop.plant.structures.ritz_modes import RitzModes, ritz_modes
-from hertzloop.plant.structures.structure import SizedPlate, Structure
+from hertzloop.plant.structures.structure import Structure
 
 _SIZES = (500, 1000, 2000)  # of Ritz's method, in modes; seconds on a plate without symmetry
 _SPARE = 1.5  # modes that are computed, over those asked for
@@ -20,12 +22,13 @@ _WORDS = {"s": "simply supported", "c": "clamped", "f": "free"}
 
 
 @dataclass(frozen=True)
-class EdgedPlate(SizedPlate):
+class EdgedPlate(Structure):
     """A plate with the edges x = 0, x = l_x, y = 0, y = l_y as named, c, f or s each.
 
     Its modes are known up to `highest_hz`.
     """
 
+    plate: Plate
     edges: str
     quality = MappingProxyType(
         {"most_modes": _SIZES[-1], "largest_frequency_error": _FREQUENCY_ERROR}
@@ -35,6 +38,21 @@ class EdgedPlate(SizedPlate):
         if len(set(self.edges)) == 1:
             return f"a plate with {_WORDS[self.edges[0]]} edges"
         return f"a plate with edges '{self.edges}'"
+
+    @property
+    def material(self) -> Material:
+        """Of the plate."""
+        return self.plate.material
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """l_x and l_y, m."""
+        return self.plate.size_m
+
+    @property
+    def local_plate(self) -> Plate:
+        """The thin plate that bending waves of long contacts feel until reflections return."""
+        return self.plate
 
     @cached_property
     def highest_hz(self) -> float:  # type: ignore[override]  # a constant in other structures

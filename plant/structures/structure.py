@@ -1,6 +1,7 @@
 """A structure as the plant sees it: the modes of something linear, at two points."""
 
-from dataclasses import dataclass
+from dataclasses import fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -51,31 +52,33 @@ class Structure(ModeSource, Protocol):
         return None
 
 
-@dataclass(frozen=True)
-class SizedPlate(Structure):
-    """A structure with the sizes and the material of a thin plate."""
+class ComparedByParts:
+    """Equality and hash of a frozen dataclass (`eq=False`) by its fields, the hash computed once:
+    many results are cached by the description of their plant.
 
-    plate: Plate
+    A structure that has no hash, as one whose fields are arrays, is itself alone: each is made once
+    for what a scene says.
+    """
 
-    @property
-    def material(self) -> Material:
-        """Of the plate."""
-        return self.plate.material
+    @cached_property
+    def _parts(self) -> tuple[Any, ...]:
+        compared = (part.name for part in fields(self) if part.compare)  # type: ignore[arg-type]
+        return tuple(_compared_as(getattr(self, name)) for name in compared)
 
-    @property
-    def size_m(self) -> tuple[float, float]:
-        """l_x and l_y, m."""
-        return self.plate.size_m
+    @cached_property
+    def _hash(self) -> int:
+        return hash(self._parts)
 
-    @property
-    def local_plate(self) -> Plate:
-        """The thin plate that bending waves of long contacts feel until reflections return."""
-        return self.plate
+    def __hash__(self) -> int:
+        """That of the parts."""
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all parts are the same."""
+        return isinstance(other, type(self)) and self._parts == other._parts
 
 
-def compared_as(part: Any) -> Any:
-    """Return what a part of a description is compared by: itself, or the identity of a structure
-    that has no hash, as one whose fields are arrays. Each is made once for what a scene says."""
+def _compared_as(part: Any) -> Any:
     try:
         hash(part)
     except TypeError:
