@@ -116,18 +116,18 @@ def linear_form(model: ActuatorModel) -> LinearActuator:
 
 
 def mass_loaded(
-    modes: Oscillators, scale_per_kg: float, mass_kg: float, flexibility_m_n: float, same: bool
+    modes: Oscillators, mass_kg: float, flexibility_m_n: float, same: bool
 ) -> Oscillators:
     """Oscillators of the plate with a mass on it at the actuator.
 
-    `scale_per_kg`: inverse modal mass, `flexibility_m_n`: of the modes left out, a spring
-    between mass and plate; `same`: the actuator is at the contact point. A sensor keeps its place
-    on the plate. The frequencies are
-    the roots W = w^2 of the secular equation sum_k g_k/(w_k^2 - W) + R = 1/(m W),
-    g_k = lambda Phi_a^2: one below each w_k and, with a spring, one above the last. The
-    modes' masses include that on the plate, so nothing else changes.
+    `flexibility_m_n`: of the modes left out, a spring between mass and plate; `same`: the actuator
+    is at the contact point. A sensor keeps its place on the plate. The frequencies are the roots
+    W = w^2 of the secular equation sum_k g_k/(w_k^2 - W) + R = 1/(m W), g_k = lambda Phi_a^2: one
+    below each w_k and, with a spring, one above the last. The modes' masses include that on the
+    plate, so nothing else changes.
     """
     pole, at_contact, at_actuator, at_sensor = _apart(modes)
+    scale_per_kg = modes.scale_per_kg
     felt = np.abs(at_actuator) > _NO_SHAPE * np.abs(at_actuator).max(initial=0.0)
     if not np.any(felt):
         return modes

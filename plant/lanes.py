@@ -16,7 +16,6 @@ from numba.core import cgutils
 from numba.extending import intrinsic, models, register_model
 
 LANES = 8
-_INT = ir.IntType(64)
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 
 

@@ -200,7 +200,7 @@ def modes_of(spec: PlantSpec) -> Oscillators:
             f"or {remedy}."
         )
     spring = _spring_m_n(spec, omega_max, at_actuator)
-    return mass_loaded(modes, modes.scale_per_kg, mass_kg, spring, spec.same_point)
+    return mass_loaded(modes, mass_kg, spring, spec.same_point)
 
 
 def _spring_m_n(spec: PlantSpec, omega_max: float, point_m: tuple[float, float]) -> float:

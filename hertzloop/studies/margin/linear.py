@@ -149,10 +149,10 @@ def sums_at(
         poles, residues: complex, shape (poles,).
         skip: number of the pole that a point leaves out, shape (n,); None for none.
     """
-    parts = [part.copy() for one in (z, poles, residues) for part in (one.real, one.imag)]
-    found = np.empty((6, len(z)))
-    pole_sums(*parts, np.full(len(z), -1) if skip is None else skip, found)
-    return found[0] + 1j * found[1], found[2] + 1j * found[3], found[4] + 1j * found[5]
+    found, none = np.zeros((6, len(z))), np.full(len(z), -1)
+    pole_sums(z.real.copy(), z.imag.copy(), poles, residues, none if skip is None else skip, found)
+    value, slope, near = found[::2] + 1j * found[1::2]
+    return value, slope, near
 
 
 def through_sensor(form: TransferFunction, sensor: SensorModel) -> TransferFunction:
