@@ -18,17 +18,10 @@ EXTRAS = {
 def need(*packages: str) -> None:
     """Raise ModuleNotFoundError, which says how to install them, for all of these packages that are
     missing, not for the first."""
-    missing = [package for package in packages if not _is_there(package)]
+    missing = [package for package in packages if importlib.util.find_spec(package) is None]
     if missing:
         names = " ".join(missing)
         raise ModuleNotFoundError(sentence_on(names), name=names)
-
-
-def _is_there(package: str) -> bool:
-    try:
-        return importlib.util.find_spec(package) is not None
-    except ValueError:  # set to None in sys.modules
-        return False
 
 
 def sentence_on(missing: str | None) -> str | None:
