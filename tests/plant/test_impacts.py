@@ -8,7 +8,7 @@ import pytest
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.plant import time_series as ts
-from hertzloop.plant.metrics.impacts import Impact, impacts_in, step_work_j
+from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import load
@@ -142,9 +142,3 @@ def test_a_contact_shorter_than_a_step_is_refused(step_ns, scheme):
     ]
     with pytest.raises(SceneError, match=f"run.step_ns = {step_ns}: is longer than a contact"):
         simulate(load(scene, keys))
-
-
-def test_a_single_step_has_no_work_yet():
-    """A run of one row, with an actuator of its own place whose force changes."""
-    what = replace(WHAT, actuator_point_m=(0.2, 0.2))
-    assert step_work_j(what, np.ones((ts.COLUMNS, 1))).tolist() == [0.0]

@@ -21,7 +21,7 @@ from hertzloop.plant.schemes.modal import (
     residual_pole,
     series_residual_m_n,
 )
-from hertzloop.plant.structures.linear import IM, RE, Linear, Poles, V, X, linear_of, phis
+from hertzloop.plant.structures.linear import IM, RE, Linear, Poles, V, X, linear_of
 from tests.plant.rigs import after_steps, spec
 
 BESIDE = {"actuator_point_m": (0.31, 0.22), "contact_point_m": (0.21, 0.13), "limit_hz": 4e3}
@@ -98,14 +98,6 @@ def test_every_mode_moves_by_its_equation(eta, step_s):
     assert after.seen == pytest.approx(wanted, rel=1e-9, abs=1e-11 * abs(wanted).max(axis=0).min())
     energy = 0.5 * mass * np.sum(exact[:, 1] ** 2 + (modes.omega * exact[:, 0]) ** 2)
     assert kept_j(linear, after.z) == pytest.approx(energy, rel=1e-10)
-
-
-def test_the_phi_functions():
-    for x in (0.0j, 1e-9j, 0.3 - 0.2j, 1.0 + 0.0j, 2.5j, -4.0 + 3.0j, 5e-3 + 1e-12j):
-        found = phis(x)
-        assert found[0] == pytest.approx(np.exp(x), rel=1e-15)
-        for k in (0, 1, 2):  # phi_k = phi_{k+1} x + 1/k!
-            assert found[k] == pytest.approx(found[k + 1] * x + 1.0 / math.factorial(k), rel=1e-13)
 
 
 def test_an_infinite_plate_keeps_what_an_impulse_moves_it_by():

@@ -46,17 +46,6 @@ def test_radiation_efficiencies(name):
     assert radiation.efficiency_maidanik(plate, high)[0] == pytest.approx(1.0, abs=0.02)
 
 
-def test_edge_efficiency_far_below_the_critical_frequency():
-    """Maidanik's edge modes tend to U c/(pi^2 f_c S) sqrt(f/f_c), which the study uses."""
-    plate, critical = PLATES["sylomer_m"]
-    f = np.array([0.52 * critical])  # just above f_c/2: no corner modes
-    a = math.sqrt(0.52)
-    rest = 1 - a * a
-    shape = (rest * math.log((1 + a) / (1 - a)) + 2 * a) / (4 * math.pi**2 * rest**1.5)
-    expected = 2.0 / 0.25 * 340 / critical * shape
-    assert radiation.efficiency_maidanik(plate, f)[0] == pytest.approx(expected, rel=1e-3)
-
-
 @given(st.floats(1e-6, 1e-2), st.floats(1e-6, 1e-2))
 def test_holmes_falls_with_the_fifth_power_of_the_contact_time(t0, t1):
     ratio = noise.holmes_j(0.02, 1.0, t1) / noise.holmes_j(0.02, 1.0, t0)

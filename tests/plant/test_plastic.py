@@ -108,22 +108,6 @@ def test_a_spot_struck_again_less_hard_is_elastic_about_its_dent():
     assert -lowest > dent
 
 
-def test_twice_the_radius_at_the_same_speed_is_four_times_the_force():
-    def found(times: float) -> tuple[float, float, float]:
-        contact = soft(0.7e9, STIFFNESS * math.sqrt(times))
-        what = spec(
-            radius_m=times * RADIUS, contact=contact, material=IMMOVABLE, step_s=times * 1e-6
-        )
-        plant = ModalPlant(what)
-        most = max(step(plant.model, plant.state, 0.0) for _ in range(80))
-        return most, dent_of(plant), plant.state.body[FLIGHT_V]
-
-    one, two = found(1.0), found(2.0)
-    assert two[0] == pytest.approx(4.0 * one[0], rel=2e-3)
-    assert two[1] == pytest.approx(2.0 * one[1], rel=2e-4)
-    assert two[2] == pytest.approx(one[2], rel=2e-4)
-
-
 def test_a_pressure_that_is_never_reached_is_hertz():
     for sprung in (True, False):
         what = replace(spec(), residual_flexibility=sprung)

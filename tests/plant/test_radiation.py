@@ -1,18 +1,14 @@
 """Radiation: efficiencies in their limits, energy that air takes, and the balance with air."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hertzloop.plant.metrics import noise
 from hertzloop.plant.one_thread import gauss
-from hertzloop.plant.plant import modes_of
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
-from tests.plant.rigs import spec
 
 # These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
@@ -94,23 +90,6 @@ def test_corner_term_has_no_factor_of_frequency():
     )
     expected = (wavelength**2 * 2.0 * g1 + 2.0 * wavelength * g2) / 0.25
     assert radiation.efficiency_maidanik(SMALL, f)[0] == pytest.approx(expected, rel=1e-12)
-
-
-def sound_j(modes: Any, shares: np.ndarray, material_eta: float, air: np.ndarray) -> float:
-    """What modes radiate of their energies until they are at rest, J."""
-    parts = shares * radiation.radiated_parts(material_eta, air)
-    return float(np.sum(parts[: noise.audible(modes)]))
-
-
-def test_limits_of_the_energy_that_is_radiated():
-    modes = modes_of(spec(limit_hz=20e3))
-    shares = np.linspace(1.0, 2.0, len(modes.omega))
-    air = radiation.air_loss_factor(SMALL, modes.omega / (2.0 * np.pi))
-    assert sound_j(modes, shares, 0.0, air) == pytest.approx(shares.sum(), rel=1e-14)
-    assert sound_j(modes, shares, 1e-4, 0.0 * air) == 0.0
-    assert sound_j(modes, shares, 0.0, 0.0 * air) == 0.0
-    found = [sound_j(modes, shares, eta, air) for eta in (1e-5, 1e-4, 1e-3, 1e-2)]
-    assert np.all(np.diff([shares.sum(), *found]) < 0.0)
 
 
 def test_loss_factor_of_air():

@@ -1,7 +1,5 @@
 """An independent solution of the motion, and what must not change it."""
 
-import json
-import os
 from collections.abc import Callable
 
 import numpy as np
@@ -11,8 +9,6 @@ from scipy.integrate import solve_ivp
 from hertzloop.plant.plant import Plant, PlantSpec
 from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.state_kernels import AWAKE, GRAVITY_M_S2, XI_P
-from tests.hertzloop.commands import python
-from tests.hertzloop.own_laws import ROOT
 from tests.plant.brute import all_modes, modal_scale, shape
 from tests.plant.rigs import after_steps, run, spec
 
@@ -78,32 +74,3 @@ def test_leaving_out_silent_modes_changes_nothing():
         after_steps(plant, (5.0, 0.0, 0.0))
     assert optimised.state.counts[AWAKE] == optimised.state.z.shape[1]
     assert optimised.state.body[XI_P] == pytest.approx(awake.state.body[XI_P], rel=1e-9)
-
-
-SHORT = """
-import json
-import numpy as np
-from hertzloop.plant.plant import Plant
-from hertzloop.plant.schemes.modal import ModalPlant
-from tests.plant.rigs import run, spec
-for beside in (None, (0.28, 0.25)):
-    plant = ModalPlant(spec(limit_hz=8e3, actuator_point_m=beside, loss_factor=0.01))
-    rows = run(plant, 200, 20.0 * np.sin(np.arange(200) / 9.0))
-    balance = vars(plant.close_balance())
-    print(json.dumps([rows.xi.tolist(), rows.v_p.tolist(), rows.f_c.tolist(), balance]))
-"""
-
-
-@pytest.mark.full
-def test_uncompiled_kernels_give_the_same_values():
-    def lines(**more: str) -> list:
-        done = python("-c", SHORT, env=os.environ | more, cwd=ROOT)
-        return [json.loads(line) for line in done.stdout.splitlines()]
-
-    for compiled, plain in zip(lines(), lines(NUMBA_DISABLE_JIT="1"), strict=True):
-        for a, b in zip(compiled[:3], plain[:3], strict=True):
-            # Same operations in the same order; powers may round differently in the last bit.
-            np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-13 * np.abs(a).max())
-        for name, value in plain[3].items():
-            size = 1.0 if "residual" in name else abs(value)
-            assert compiled[3][name] == pytest.approx(value, abs=1e-12 * size), name
