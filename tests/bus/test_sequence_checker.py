@@ -119,14 +119,6 @@ def test_messages_that_do_not_follow_each_other(fault, streams, words):
         refused(spoilt(stream, fault), *(word.format(stream) for word in words))
 
 
-def test_the_length_of_a_step_may_be_known_before():
-    force = ForceBlock(run_id=RUN, step_ns=2000)
-    with pytest.raises(StreamFault, match=r"'force' sequence 0 has steps of 2000 ns.* 1000 ns"):
-        SequenceChecker(RUN, 1000).accept(
-            Envelope("force", codec.encode(force, force_n=np.zeros(2)))
-        )
-
-
 def test_a_stream_without_announced_count():
     sent = plant_says()
     end = RunEnd.FromString(sent[-1].payload)

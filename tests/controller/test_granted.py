@@ -129,8 +129,3 @@ def test_the_law_off_promises_zero_whatever_comes():
     reply = drive(law, SignalPath(), [1, -1, -4], commands_ahead=True).replies[-1]
     assert reply.zero_until_trigger
     assert reply.trigger_level == -math.inf
-
-
-def test_the_level_of_the_promise_is_the_law_s_contact_level():
-    law = LawSpec(SLOPE.law, 1.0, 0.5, -0.25, contact_level=-0.5)
-    assert drive(law, SignalPath(), [1]).replies[-1].trigger_level == -0.5

@@ -154,16 +154,6 @@ def test_what_is_no_filter_is_refused(keys, words):
     assert words in str(error.value)
 
 
-def test_every_quantity_is_sensed():
-    assert setup_of("numerator=[1.0]").scene.sensors.quantity == "v_p"
-    for quantity in ("xi", "acceleration", "contact_force"):
-        keys = ["controller.law=linear", "controller.numerator=[1.0]"]
-        assert (
-            load("aluminium-3mm", [*keys, f"sensors.quantity={quantity}"]).scene.sensors.quantity
-            == quantity
-        )
-
-
 def test_a_filter_that_is_unstable_by_itself_is_noted():
     unstable = setup_of("numerator=[1.0]", "denominator=[1.0, -1.5]")
     assert "poles outside the unit circle: 1; largest magnitude 1.5" in loaded_law(unstable).note(

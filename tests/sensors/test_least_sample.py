@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.scene.tables import SensorsTable
 from hertzloop.sensors import kernels as k
 from hertzloop.sensors.acquisition import (
     LINEAR_FIELDS,
@@ -100,23 +99,7 @@ def test_every_option_of_a_channel_is_tried_here():
     assert tried >= STATED_FIELDS | LINEAR_FIELDS | SMOOTH_FIELDS
 
 
-def test_an_option_that_is_not_stated_leaves_the_least_sample_unknown(monkeypatch):
-    spec = SensorSpec(noise_rms=1e-6)
-    assert check(spec, 1) > 0
-    monkeypatch.setattr(
-        "hertzloop.sensors.acquisition.STATED_FIELDS", STATED_FIELDS - {"noise_rms"}
-    )
-    assert check(spec, 1) == 0
-
-
 def test_a_quantity_without_a_least_value_has_no_least_sample():
     sensor = Sensor(SensorSpec(full_scale=(-1.0, 1.0), bits=8), STEP_S, 1, 1)
     for least in (-math.inf, math.nan, 0.0):
         assert k.least_sample(sensor.model, sensor.state, 1, least, 10**6) == -math.inf
-
-
-def test_every_key_of_a_scene_reaches_the_channel_by_a_field():
-    """Keys of [sensors] that are no field of the channel change where and what it reads."""
-    fault = {f"fault_{name}" for name in ("start_s", "duration_s", "size", "probability")}
-    others = set(SensorsTable.model_fields) - {part.name for part in fields(SensorSpec)} - fault
-    assert others <= {"quantity", "point_m", "mass_kg"}
