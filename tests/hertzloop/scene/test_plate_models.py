@@ -1,6 +1,6 @@
 """Theory and truncated modes of a plate as scenes: what is chosen, recorded, refused and said."""
 
-from dataclasses import asdict, field, make_dataclass, replace
+from dataclasses import replace
 
 import pytest
 
@@ -9,7 +9,6 @@ from hertzloop.plant.metrics.impacts import Impact, impacts_in
 from hertzloop.plant.plant import Balance
 from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.scene.setup import Setup, load
-from hertzloop.scene.signal_path import keeps_force_smooth
 from tests.hertzloop.scenes import aluminium_3mm
 
 SHORT = ["run.duration_s=0.0011", "run.plate_model=modal"]
@@ -105,14 +104,3 @@ def test_what_makes_steps_in_a_force_is_known(setting):
     harmless = ["controller.latency_us=3", "sensors.low_pass_hz=1e6", "actuator.dead_time_us=1"]
     assert aluminium_3mm(*smooth, *harmless).infinite_plate.smooth
     assert not aluminium_3mm(*smooth, setting).infinite_plate.smooth
-
-
-@pytest.mark.parametrize("part", ["sensor", "signal_path"])
-def test_a_field_that_is_not_known_to_keep_a_force_smooth_counts_as_steps(part):
-    setup = aluminium_3mm("sensors.bits=ideal", "controller.bits=ideal")
-    own = getattr(setup, part)
-    more = [("dead_zone", float, field(default=0.0))]
-    kind = make_dataclass("More", more, bases=(type(own),), frozen=True)
-    for dead_zone in (0.0, 0.1):
-        found = replace(setup, **{part: kind(**asdict(own), dead_zone=dead_zone)})
-        assert keeps_force_smooth(found.sensor, found.signal_path) == (dead_zone == 0.0)

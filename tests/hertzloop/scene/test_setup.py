@@ -15,7 +15,7 @@ from hertzloop.scene.toml import toml_text
 from tests.hertzloop.scenes import aluminium_3mm
 from tests.tiers import default
 
-SCENES = ["aluminium-20mm", "thesis-aluminium", "offcentre-6mm", "oak-20mm"]
+SCENES = ["aluminium-20mm", "oak-20mm"]
 STAGES = (
     "run", "mechanics", "plant", "sensor", "signal_path", "law", "first_touch_s", "plate_model",
     "latency_us",

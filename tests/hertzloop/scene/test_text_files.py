@@ -2,7 +2,6 @@
 
 import codecs
 import importlib
-import shlex
 import unicodedata
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from hertzloop.plant.structures.mode_file import read_modes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import load, parse, shipped_text
 from hertzloop.studies.budget.requirements.requirement import read_requirements
-from tests.commands import invoke
 
 READ = {
     "mark": lambda text: codecs.BOM_UTF8 + text.encode(),
@@ -124,25 +122,3 @@ def test_names_that_are_refused(name, use):
     text = shipped_text("aluminium-3mm").replace('"aluminium-3mm"', f'"{name}"')
     with pytest.raises(SceneError, match=rf"and '-' only\. Use '{use}'\."):
         parse(text)
-
-
-ODD = "it's $x y"
-
-
-def test_printed_commands_can_be_copied(tmp_path, monkeypatch):
-    """Names with spaces, quotes and dollar signs come back whole from a shell's words."""
-    monkeypatch.chdir(tmp_path)
-    for words, expected in (
-        (["scene", "new", f"{ODD}.toml"], ["hertzloop", "run", f"{ODD}.toml"]),
-        (["law", "new", f"{ODD}.py"], ["hertzloop", "run", "--set", f"controller.law={ODD}.py"]),
-    ):
-        done = invoke(words, env={"COLUMNS": "300"})
-        assert done.exit_code == 0, done.output
-        assert shlex.split(done.output.partition("Next: ")[2]) == expected
-    Path(f"{ODD}-requirements.toml").write_text(
-        REQUIREMENTS.replace('scene = "aluminium-3mm"', f'scene = "{ODD}.toml"'), "utf-8"
-    )
-    [row] = read_requirements(Path(f"{ODD}-requirements.toml"))
-    words = shlex.split(row.command({"plate.material": "it's"}))
-    assert words[:3] == ["hertzloop", "run", f"{ODD}.toml"]
-    assert "plate.material=it's" in words
