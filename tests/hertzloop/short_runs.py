@@ -21,7 +21,6 @@ SCENES = {
     ],
     "watching": ["controller.law=predicted", "controller.latency_us=15"],
     "late": ["controller.latency_us=300"],
-    "rising": ["controller.latency_us=200"],
     "constant": [
         "controller.law=constant",
         "controller.force_n=-20",

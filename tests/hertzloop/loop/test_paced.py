@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.events import event
 from hertzloop.bus.messages_pb2 import EventKind
 from hertzloop.closed_loop import clock
@@ -20,7 +19,7 @@ from hertzloop.loop.events import LateForces
 from hertzloop.loop.repeated_run import repeated_run
 from hertzloop.recordings.compare import first_difference
 from hertzloop.recordings.reader import read
-from hertzloop.results.recorded import class_ends_ns, pacing_of, responses_of
+from hertzloop.results.recorded import class_ends_ns, pacing_of
 from hertzloop.scene.setup import Setup
 from tests.commands import as_options, refused
 from tests.hertzloop.commands import (
@@ -121,37 +120,21 @@ def test_a_silent_controller_is_named(monkeypatch):
 
 
 @pytest.mark.full
-class TestProcesses:
+def test_processes_repeat_what_a_pause_of_the_controller_did(tmp_path):
     """Over zenoh, as a user runs it, with a controller that was stopped for 0.1 s."""
-
-    @pytest.fixture(scope="class")
-    @staticmethod
-    def folder(tmp_path_factory):
-        folder = tmp_path_factory.mktemp("paced")
-        recording = folder / "paced.mcap"
-        settings = as_options(FEEDBACK)
-        run = start(
-            "run", "aluminium-3mm", *settings, "--set", "run.duration_s=0.03", "--pace", "0.01",
-            "--out", str(recording), "--realtime", "off",
-        )  # fmt: skip
-        controller = child_of(run, "controller")
-        wait_for(grown_to(recording, 30_000))
-        controller.send_signal(signal.SIGSTOP)
-        time.sleep(0.1)
-        controller.send_signal(signal.SIGCONT)
-        ended(run)
-        return folder
-
-    def test_repeated(self, folder):
-        again = folder / "again.mcap"
-        done = hertzloop("run", "--repeat", str(folder / "paced.mcap"), "--out", str(again))
-        assert f"Repeated: the same bytes as in {folder / 'paced.mcap'}." in " ".join(
-            done.stdout.split()
-        ).replace("- ", "-")
-        a, b = read(folder / "paced.mcap"), read(again)
-        assert first_difference(a, b) is None
-        assert b.metadata["repeats"] == a.metadata["run_id"]
-        assert np.array_equal(a.truth.arrays["f_a_n"], b.truth.arrays["f_a_n"])
+    paced, again = tmp_path / "paced.mcap", tmp_path / "again.mcap"
+    words = [*as_options(FEEDBACK), "--set", "run.duration_s=0.03", "--realtime", "off"]
+    run = start("run", "aluminium-3mm", *words, "--pace", "0.01", "--out", str(paced))
+    controller = child_of(run, "controller")
+    wait_for(grown_to(paced, 30_000))
+    controller.send_signal(signal.SIGSTOP)
+    time.sleep(0.1)
+    controller.send_signal(signal.SIGCONT)
+    ended(run)
+    hertzloop("run", "--repeat", str(paced), "--out", str(again))
+    a, b = read(paced), read(again)
+    assert first_difference(a, b) is None
+    assert b.metadata["repeats"] == a.metadata["run_id"]
 
 
 @pytest.mark.parametrize(
@@ -200,35 +183,3 @@ def test_classes_of_response_times():
         at = clock.class_of(ns)
         assert starts[at] <= ns < ends[at]
     assert np.max((ends - starts)[64:] / starts[64:]) <= 1 / 32
-
-
-def test_what_is_no_histogram(tmp_path):
-    """A file may hold anything."""
-    pair = Pair(feedback("run.duration_s=0.00002"), pace=0.01).run()
-    recording = pair.recorded(tmp_path / "a.mcap")
-    assert recording.pacing is not None
-    assert responses_of(recording) is not None
-    header, answers = recording.pacing.header, recording.pacing.arrays["answers"]
-    wrong: list[tuple[str, Any]] = [
-        ("pace", float("nan")),
-        ("pace", 0.0),
-        ("classes_an_octave", 0),
-        ("step_ns", 0),
-    ]
-    for field, value in wrong:
-        spoiled = type(header)()
-        spoiled.CopyFrom(header)
-        setattr(spoiled, field, value)
-        recording.pacing = DecodedBlock(spoiled, {"answers": answers})
-        found = pacing_of(recording)
-        assert found is not None
-        assert found.clock is None
-    for values in (
-        np.empty(0),
-        np.zeros(9),
-        np.array([1.0, -1.0]),
-        np.array([np.inf]),
-        np.ones(10**6),
-    ):
-        recording.pacing = DecodedBlock(header, {"answers": values})
-        assert responses_of(recording) is None

@@ -223,11 +223,3 @@ def test_a_slow_run_is_heard_of_all_the_time(monkeypatch):
     assert pair.fault == pair.controller_fault == ""
     assert told[-1] == 3000
     assert max(b - a for a, b in pairwise(told)) * delay_s < timeout_s / 2
-
-
-def test_between_rare_samples_an_end_sleeps_soon():
-    end = shared_memory.closed()
-    assert shared_memory.at_pace(end, 1e6).yield_ns == 100_000
-    assert shared_memory.at_pace(end, 1e9).yield_ns == end.yield_ns
-    assert shared_memory.at_pace(end, 1e5).yield_ns == end.yield_ns
-    assert shared_memory.at_pace(end, 1e5).rest_us == 0 < end.rest_us
