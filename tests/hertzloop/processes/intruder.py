@@ -1,9 +1,7 @@
 """A program that wants in: hears all that it can, says all that it can, as every role.
 
-`python -m tests.hertzloop.processes.intruder CONFIG NAME [--listen-first]` prints a line
-when it has begun and one when it is linked to somebody; when its input ends, what it heard from
-others, as JSON. With `--listen-first` it sends nothing before it has seen the liveliness token of a
-role: what it sends ends a run, and a role that ends at once may not have declared its token yet.
+`python -m tests.hertzloop.processes.intruder CONFIG NAME` prints a line when it has begun and one
+when it is linked to somebody; when its input ends, what it heard from others, as JSON.
 """
 
 import json
@@ -17,9 +15,8 @@ from hertzloop.bus.streams import STREAMS, SUBSCRIPTIONS
 _EVERY_S = 0.002
 
 
-def main(file: str, name: str, *options: str) -> None:
+def main(file: str, name: str) -> None:
     """Until the input ends."""
-    listen_first = "--listen-first" in options
     heard: list[str] = []
     seen: list[str] = []
     over = threading.Event()
@@ -58,8 +55,6 @@ def main(file: str, name: str, *options: str) -> None:
             if here and not links:
                 print(json.dumps({"linked": here}), flush=True)
             links = max(links, here)
-            if listen_first and not seen:
-                continue
             tokens = tokens or [session.liveliness().declare_token(key) for key in evil]
             for stream in STREAMS:
                 session.put(f"{root}/{stream}", b"evil", attachment=bytes(8))

@@ -1,13 +1,11 @@
 """Processes in terminals of their own, and the launcher's own end: every wait is bounded,
 signals work at any moment, the right one is blamed, and nothing stays behind."""
 
-import json
 import os
 import re
 import resource
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Container, Iterator
 from contextlib import contextmanager
@@ -28,11 +26,9 @@ from tests.hertzloop.commands import (
     grown_to,
     killed_at_the_end,
     leftovers,
-    next_line,
     start,
     wait_for,
 )
-from tests.ports import free_ports
 
 
 @pytest.fixture
@@ -109,17 +105,6 @@ def test_a_plant_that_waits_for_a_frozen_recorder_hears_signals(recording):
 
 
 @pytest.mark.full
-def test_a_configuration_without_endpoints_stays_on_loopback(tmp_path):
-    config = tmp_path / "bus.json5"
-    config.write_text("{}")
-    plant = start("node", "plant", "--zenoh-config", str(config), "--name", "filed", "--wait", "60")
-    with killed_at_the_end([plant]):
-        look = psutil.Process(plant.pid)
-        found = wait_for(lambda: [c for c in look.net_connections() if c.status == "LISTEN"])
-        assert {c.laddr.ip for c in found} == {"127.0.0.1"}
-
-
-@pytest.mark.full
 def test_a_second_interrupt_leaves_no_process(recording):
     run = start("run", *LONG, "--out", str(recording))
     wait_for(grown_to(recording, WELL_UNDER_WAY))
@@ -159,42 +144,3 @@ def test_controller_never_started(recording):
         for process in roles.values():
             assert re.search("waited 10 s for controller .* not there", ended(process, 1))
     assert not recording.exists()  # nothing was to be recorded
-
-
-OBSERVER = """
-import os, signal, sys, time, zenoh
-config = zenoh.Config()
-config.insert_json5("scouting/multicast/enabled", "false")
-config.insert_json5("listen/endpoints", "[]")
-config.insert_json5("connect/endpoints", sys.argv[1])
-config.insert_json5("transport/link/tx/lease", "1000")
-config.insert_json5("connect/retry", '{"period_init_ms": 20, "period_max_ms": 50}')
-heard = []
-hear = lambda sample: heard.append(1)
-session = zenoh.open(config)
-kept = session.declare_subscriber("hertzloop/**", zenoh.handlers.Callback(hear, indirect=False))
-print("listening", flush=True)
-while not heard:
-    time.sleep(0.01)
-print("heard", flush=True)
-os.kill(os.getpid(), signal.SIGSTOP)
-"""
-
-
-@pytest.mark.full
-def test_an_observer_that_hangs_ends_the_run_in_a_sentence(recording):
-    """Its lease is short, so that zenoh gives its link up."""
-    base = free_ports(3, in_a_row=True)[0]
-    urls = json.dumps([f"tcp/127.0.0.1:{base + i}" for i in range(3)])
-    with subprocess.Popen(
-        [sys.executable, "-c", OBSERVER, urls], stdout=subprocess.PIPE, text=True
-    ) as observer:
-        try:
-            assert next_line(observer) == "listening\n"
-            run = ["--port", str(base), "--timeout", "2", "--name", "watched"]
-            run = start("run", *LONG, *run, "--out", str(recording))
-            assert next_line(observer) == "heard\n"
-            said = "recorder or an observer accepted no message for 2 s"
-            ended(run, 1, said, f"is in {recording}")
-        finally:
-            observer.kill()

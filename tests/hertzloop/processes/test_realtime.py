@@ -1,16 +1,10 @@
 """The real-time profile: what is set where it is permitted, and what is said where it is not. Every
 test works in a child, whose class goes with it."""
 
-import os
-
 import pytest
 
-from hertzloop.loop.run_options import RunOptions
-from hertzloop.results.assessed_run import run_and_assess
-from hertzloop.views.run_json import run_as_json
-from tests.hertzloop.commands import hertzloop, python
+from tests.hertzloop.commands import python
 from tests.hertzloop.own_laws import ROOT
-from tests.hertzloop.scenes import aluminium_3mm
 
 
 def child(text: str) -> str:
@@ -84,12 +78,3 @@ with p.loop():
 print(gc.isenabled()){SHOW}
 """
     assert child(text).split("\n") == ["FIFO 51", "False", "FIFO 50", "True", "OTHER 0"]
-
-
-@pytest.mark.full
-def test_a_run_says_what_was_granted(tmp_path):
-    scene = aluminium_3mm("run.duration_s=0.0015")
-    report = run_as_json(run_and_assess(scene, tmp_path / "a.mcap", RunOptions(realtime="off")))
-    assert report["realtime"] == "off"
-    assert "auto" in hertzloop("run", "--help").stdout
-    assert os.sched_getscheduler(0) == os.SCHED_OTHER

@@ -1,16 +1,12 @@
 """What a run, a node and a repair say at their end."""
 
-import os
-
 import pytest
 
 from hertzloop.views.report import next_lines
 from tests.commands import refused, succeed
 from tests.hertzloop.commands import (
-    LONG,
     WELL_UNDER_WAY,
     Bus,
-    child_of,
     ended,
     finish,
     grown_to,
@@ -20,17 +16,6 @@ from tests.hertzloop.commands import (
 )
 
 SHORT = ["aluminium-3mm", "--set", "run.duration_s=0.0013"]
-
-
-def test_a_killed_controller_leaves_a_recording_that_is_named(tmp_path):
-    path = tmp_path / "a.mcap"
-    run = start("run", *LONG, "--out", str(path))
-    with killed_at_the_end([run]):
-        wait_for(grown_to(path, WELL_UNDER_WAY))
-        child_of(run, "controller").kill()
-        told = ended(run, 1, "controller was killed by SIGKILL")
-    assert f"The recording up to then is in {path}: run 'hertzloop inspect' on it." in told
-    assert "simulated time" in succeed("repair", path)
 
 
 @pytest.mark.full
@@ -67,15 +52,6 @@ def finish_quietly(process):
     """Exit code and standard error of a process whose standard output has been read."""
     process.stdout = None
     return finish(process)
-
-
-def test_repair_says_how_much_is_there_and_what_is_missing(tmp_path):
-    path = tmp_path / "a.mcap"
-    succeed("run", *SHORT, "--transport", "compiled", "--out", path)
-    os.truncate(path, path.stat().st_size // 2)
-    told = succeed("repair", path)
-    assert "of 1.3 ms of simulated time" in told
-    assert f"missing or damaged in {path}:" in told
 
 
 @pytest.mark.parametrize(("path", "shown"), [("-x.mcap", "./-x.mcap"), ("a b.mcap", "'a b.mcap'")])
