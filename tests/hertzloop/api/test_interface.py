@@ -7,7 +7,6 @@ import pytest
 
 import hertzloop
 from hertzloop import api as interface
-from hertzloop.api.parameters import named_as_parameters
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.cases import metrics_of_case
 from hertzloop.scene.setup import resolve
@@ -220,18 +219,6 @@ def test_the_notebook_runs(tmp_path):
         if output.output_type == "stream"
     ]
     assert "plate energy -2.10 dB\n" in printed
-
-
-@pytest.mark.parametrize(
-    ("options", "expected"),
-    [
-        ("--over a.b: is drawn by --uncertain.", "over a.b: is drawn by uncertain."),
-        ("Use --at-most. Or hertzloop run --pace 1.", "Use at_most. Or hertzloop run --pace 1."),
-        ("--out = a.txt: wrong", "recording = a.txt: wrong"),
-    ],
-)  # fmt: skip
-def test_options_become_parameters(options, expected):
-    assert named_as_parameters(options) == expected
 
 
 def test_a_study_names_its_parameters(tmp_path):

@@ -38,11 +38,6 @@ def short(tmp_path_factory):
     return exported(tmp_path_factory.mktemp("short"), aluminium_3mm(*SHORT))
 
 
-@pytest.fixture(scope="module")
-def noisy(tmp_path_factory):
-    return exported(tmp_path_factory.mktemp("noisy"), aluminium_3mm(*NOISY))
-
-
 @pytest.fixture
 def plant(short):
     plant = InC(short / "libhertzloop_plant.so")
@@ -122,19 +117,6 @@ def test_it_starts_anew_from_another_height(plant):
     assert plant.run(np.zeros(1000))["contact_force_n"].tobytes() == rows[4].tobytes()
     assert plant.reset(scene.mechanics.sphere.drop_height_m, scene.run.seed) == 0
     assert plant.run(np.zeros(1000)).tobytes() == start.tobytes()
-
-
-@pytest.mark.full
-def test_another_seed_is_that_of_another_run(noisy):
-    plant = InC(noisy / "libhertzloop_plant.so")
-    loop = simulate(aluminium_3mm(*NOISY, "run.seed=123456789012"))
-    kept = plant.state()
-    assert plant.reset(plant.about.drop_height_m, 123456789012) == 0
-    seen = plant.run(loop.forces)
-    assert seen["sample"][1:-1:2].tobytes() == loop.values[1:].tobytes()
-    assert plant.set_state(kept) == 0  # with the noise of its seed
-    assert plant.run(loop.forces)["sample"][1] == simulate(aluminium_3mm(*NOISY)).values[1]
-    plant.c.hertzloop_plant_free(plant.plant)
 
 
 @pytest.mark.full

@@ -146,23 +146,6 @@ def test_a_library_that_reads_a_sample_that_it_is_not_given(here, at):
         try_law(scene)
 
 
-@pytest.mark.full
-def test_compiling_the_loop_is_no_time_of_the_law(here):
-    """On a fresh machine that takes longer than a law's trial may."""
-    write_law(here)
-    script = (
-        "import os; from hertzloop.closed_loop import answer; fork = os.fork\n"
-        "def checked():\n"
-        "    assert answer.answer.signatures, 'not loaded'\n"
-        "    return fork()\n"
-        "os.fork = checked\n"
-        "from hertzloop.processes.law_trial import try_law\n"
-        "from hertzloop.scene.setup import load\n"
-        "assert try_law(load('aluminium-3mm', ['controller.law=mine.py'])) == ''\n"
-    )
-    python("-c", script, cwd=here)
-
-
 def test_a_loop_without_end_before_the_run(here, monkeypatch):
     """In the file itself, in what it prepares, and in the trial."""
     monkeypatch.setattr("hertzloop.controller.loading.callbacks.PATIENCE_S", 0.2)
@@ -226,10 +209,18 @@ LATER = PUSHES.replace("350", "3000")
 BROKEN = {"command_ahead": LATER + AHEAD, "trigger_level": LATER + QUIET}
 
 
-@pytest.mark.parametrize("transport", default(Transport, [Transport.COMPILED]))
-@pytest.mark.parametrize("function", BROKEN)
-def test_a_broken_promise_ends_the_run(here, function, transport):
+PROMISES = [
+    ("command_ahead", Transport.COMPILED),
+    ("trigger_level", Transport.COMPILED),
+    ("command_ahead", Transport.ZENOH),
+    ("trigger_level", Transport.INPROCESS),
+]
+
+
+@pytest.mark.parametrize("promise", default(PROMISES, PROMISES[:2]), ids=" ".join)
+def test_a_broken_promise_ends_the_run(here, promise):
     """With the same sentence in all transports, where the trial did not come to it."""
+    function, transport = promise
     (here / "mine.py").write_text(BROKEN[function])
     settings = [*LONGER, "--set", "controller.law=mine.py", "--out", "a.mcap"]
     words = f"the law mine.py, at sample 3000, commanded 2.0 N, but its {function} had "

@@ -1,13 +1,6 @@
 """A scene whose controller cannot be built."""
 
-import pytest
-
-from hertzloop.plant.schemes.registry import SCHEMES
-from tests.commands import as_options, refused, succeed
-from tests.tiers import default
-
-
-
+from tests.commands import as_options, refused
 
 
 def test_a_force_that_cannot_be_known_leaves_no_file(tmp_path):

@@ -3,7 +3,6 @@
 import io
 import math
 import re
-from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -11,10 +10,8 @@ from rich.console import Console
 from hertzloop.loop.run_options import RunOptions, Transport
 from hertzloop.results.assessed_run import run_and_assess
 from hertzloop.results.metric_rows import compared, uncertain
-from hertzloop.views.details import run_table
 from hertzloop.views.digits import change_text, uncertain_text, value_texts
 from hertzloop.views.format import Table
-from hertzloop.views.impacts_table import impacts_table
 from hertzloop.views.metrics_table import metrics_table
 from hertzloop.views.run_json import run_as_json
 from tests.commands import invoke
@@ -26,15 +23,6 @@ UNITS = {
     "Pa": 1.0, "GPa": 1e9, "kHz": 1e3, "N": 1.0, "N/us": 1e6, "W": 1.0, "steps/s": 1.0,
 }  # fmt: skip
 HEIGHT = ("first_impact", "rebound_height_m")
-IMPACT = {
-    "start": "start_s",
-    "contact time": "duration_s",
-    "impact speed": "impact_speed_m_s",
-    "rebound speed": "rebound_speed_m_s",
-    "peak contact force": "peak_force_n",
-    "plate energy": "plate_energy_j",
-    "largest plate speed": "plate_speed_max_m_s",
-}
 
 
 @pytest.fixture(scope="module")
@@ -64,13 +52,6 @@ def lines(table: Table) -> list[list[str]]:
     ]
 
 
-def quantities(words: str) -> list[float]:
-    """All numbers with a unit, in SI."""
-    units = "|".join(sorted(map(re.escape, UNITS), key=len, reverse=True))
-    found = re.findall(rf"(-?[0-9][0-9.,]*(?:e[-+]?[0-9]+)?) ({units})\b", words)
-    return [float(number.replace(",", "")) * UNITS[unit] for number, unit in found]
-
-
 def test_every_metric_is_printed_with_the_label_and_the_digits_of_its_row(ran, report):
     """Values, ranges and changes of both tables are those of --json."""
     result, rows = ran.assessment.result, ran.assessment.rows
@@ -92,16 +73,6 @@ def test_every_metric_is_printed_with_the_label_and_the_digits_of_its_row(ran, r
             low = change.removesuffix(row["unit"]).removeprefix("about ").split(" to ")[0]
             allowed = max(0.51, row["change"]["error"])
             assert float(low.replace(",", "")) == pytest.approx(row["change"]["least"], abs=allowed)
-
-
-@pytest.mark.full
-def test_impacts(ran, report):
-    header, *rows = lines(impacts_table("Impacts", ran.assessment.result.metrics.by_impact))
-    for heading, *cells in zip(header, *rows, strict=True):
-        words, unit = re.fullmatch(r"(.+) \((.+)\)", heading).groups()  # type: ignore[union-attr]
-        for cell, *parts in zip(cells, report["impacts"], report["noise"], strict=True):
-            told = parts[0] | parts[1]
-            assert float(cell) * UNITS[unit] == pytest.approx(told[IMPACT[words]], rel=6e-4)
 
 
 @pytest.mark.parametrize(
@@ -130,35 +101,6 @@ def test_a_change_from_zero_is_called_so():
 
 
 @pytest.mark.full
-def test_the_run(ran, report):
-    rows = dict(lines(run_table(ran)))
-    assert [*rows] == ["run", "time", "plate", "contact", "actuator", "residuals"]
-    demand, limit = report["demand"], report["limiting_pressure"]
-    expected = {
-        "time": [report["wall_s"]],
-        "plate": [report["frequency_limit_hz"]],
-        "contact": [
-            report["yield"]["dent_m"],
-            report["yield"]["dissipated_j"],
-            limit["pressure_pa"],
-            limit["by"]["value_pa"],
-        ],
-        "actuator": [
-            demand["force_n"],
-            demand["slew_n_s"],
-            demand["power_w"],
-            demand["delay_s"],
-        ],
-    }
-    assert demand["delay_s"] > 0.0
-    for label, values in expected.items():
-        assert quantities(rows[label]) == pytest.approx(values, rel=6e-3), label
-    assert rows["time"].startswith(f"{report['steps']:,} steps; ")
-    of_study = replace(ran, setup=aluminium_3mm("run.scheme=thesis2008"))
-    assert "flaws included" in dict(lines(run_table(of_study)))["run"]
-
-
-@pytest.mark.full
 def test_no_cell_of_a_table_is_cut(ran):
     """At 80 columns, as in a pipe, words stay whole, too; on less, long ones are broken."""
     recording = str(ran.inspected.recording.path)
@@ -177,12 +119,3 @@ def test_no_cell_of_a_table_is_cut(ran):
         assert "…" not in done.output, words
         ruled = [line for line in done.output.splitlines() if line[:1] in "│┃┏└"]
         assert max(map(len, ruled)) <= 80, words
-
-
-def test_the_details_of_a_run_have_the_mean_latency_under_jitter(tmp_path):
-    words = ["run", "aluminium-3mm", "--set", "run.duration_s=0.0015", "--details", "--overwrite"]
-    words += ["--transport", "inprocess", "--out", str(tmp_path / "a.mcap")]
-    jittery = invoke([*words, "--set", "controller.jitter_us=20"], env={"COLUMNS": "200"})
-    (row,) = [line for line in jittery.output.splitlines() if "mean latency" in line]
-    assert 15.0 < float(row.split("mean latency")[1].strip(" │").split()[0]) < 16.0, row
-    assert "mean latency" not in invoke(words).output

@@ -4,7 +4,6 @@ from typing import Any
 
 from hertzloop.bus import events
 from hertzloop.bus.messages_pb2 import EventKind as Kind
-from hertzloop.law import ACTING, IDLE, SPENT, WATCHING
 
 LATE = {
     "from_step": 5,
@@ -43,8 +42,3 @@ def test_every_kind_of_event_has_its_sentence():
     for facts, sentence in EVENTS:
         role = "controller" if facts["kind"] == Kind.LAW_MODE else "plant"
         assert events.event(role, 3, 1000, **facts).message == sentence
-
-
-def test_a_law_has_the_modes_that_have_names():
-    numbers = {"idle": IDLE, "watching": WATCHING, "acting": ACTING, "spent": SPENT}
-    assert {name: events.MODES.index(name) for name in events.MODES} == numbers
