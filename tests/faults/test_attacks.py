@@ -6,13 +6,14 @@ from pathlib import Path
 import pytest
 
 from hertzloop.bus.streams import CONTROLLER, PLANT
-from tests.faults.attacks import STRANGER, Attack, attacked, undisturbed
+from tests.faults.attacks import OBSERVER, STRANGER, Attack, attacked, undisturbed
 
 ATTACKS = [
     Attack(CONTROLLER, "lost", "force", 3),
     Attack(CONTROLLER, "messages", "end/controller"),
     Attack(PLANT, "repeated", "truth", 2, shared_memory=False),
-    Attack(STRANGER, "the next message", "daq"),
+    Attack(STRANGER, "the next message", "daq", after_s=0.5),
+    Attack(STRANGER, OBSERVER, "daq"),
 ]
 
 

@@ -17,7 +17,6 @@ from tests.faults.inflict import (
     LAUNCHER,
     Fault,
     inflict,
-    wrong_words,
 )
 from tests.hertzloop.commands import wait_for
 from tests.tiers import default
@@ -30,11 +29,10 @@ FAULTS = [
     Fault("controller", "kill", "shared memory", True, 0.0),
     Fault("recorder", "interrupt", "shared memory", True, 0.0),
     Fault("controller", "stop", "shared memory", False, 0.0),
-    *(Fault(LAUNCHER, how, "shared memory", False, 0.0) for how in ("terminate", *CLOSED)),
+    *(Fault(LAUNCHER, how, "shared memory", False, 0.0) for how in CLOSED),
     Fault("plant", "pause", "bus", False, 0.2, 0.5),
     # The recorder's last block is older than the controller's wait, which knows the cause.
     Fault("plant", "long pause", "shared memory", False, 0.235, 6.2),
-    Fault("recorder", "long pause", "bus", False, 0.0, 6.2),
     # It is awake again when the launcher hears of the fault.
     Fault("controller", "long pause", "bus", False, 0.3, 8.0),
 ]
@@ -52,27 +50,6 @@ def test_faults(fault):
     assert outcome.lost_ms == 0 or recorder, outcome
     assert outcome.lost_ms > 0 or not (recorder and fault.how == "kill"), outcome
     assert outcome.seconds < 60, outcome  # far from for ever, on a busy machine, too
-
-
-@pytest.mark.parametrize(
-    ("victim", "how", "code", "said", "wrong"),
-    [
-        ("plant", "kill", 1, "error: plant was killed by SIGKILL", ""),
-        ("plant", "kill", 1, "error: recorder was killed by SIGKILL", "another cause"),
-        ("plant", "stop", 1, "controller does not respond", "another cause"),
-        ("plant", "kill", 1, "Traceback plant was killed by SIGKILL", "a traceback"),
-        (
-            "controller",
-            "long pause",
-            1,
-            "controller or recorder or an observer accepted no message for 4 s",
-            "another cause",
-        ),
-        (LAUNCHER, "terminate", -15, "", "exit code -15"),
-    ],
-)
-def test_a_wrong_cause_is_found(victim, how, code, said, wrong):
-    assert wrong_words(Fault(victim, how, "shared memory", False, 0.0), code, said) == wrong
 
 
 def ended(

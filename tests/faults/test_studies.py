@@ -9,9 +9,10 @@ from tests.faults.studies import hit, whole
 
 @pytest.mark.full
 @pytest.mark.usefixtures("warm_kernels")
-@pytest.mark.parametrize("study", ["budget", "tune"])  # sweeps: test_interrupted_sweeps.py
-def test_a_study_that_is_cut_short_ends_as_if_it_was_not(study, tmp_path):
+@pytest.mark.parametrize(  # sweeps: test_interrupted_sweeps.py
+    ("study", "sent"), [("budget", signal.SIGKILL), ("tune", signal.SIGINT)]
+)
+def test_a_study_that_is_cut_short_ends_as_if_it_was_not(study, sent, tmp_path):
     expected, lasts_s = whole(study, tmp_path / "whole")
-    for sent in (signal.SIGKILL, signal.SIGINT):
-        found = hit(study, sent, 0.7 * lasts_s, expected, tmp_path / sent.name)
-        assert found.wrong == [], found
+    found = hit(study, sent, 0.7 * lasts_s, expected, tmp_path / "hit")
+    assert found.wrong == [], found
