@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks import infinite_plate as study
 
-SEEDS = range(1, 11)
+SEEDS = range(1, 6)
 
 
 @pytest.fixture(scope="module")
@@ -23,12 +23,12 @@ def known(errors: list[tuple[float, float]]) -> list[float]:
 def test_requests_are_met_on_random_scenes(found):
     assert len(found) == len(SEEDS) * 10 * len(study.REQUESTS)
     offered = [o for o in found if o.lasts_us and o.request > 1e-4]
-    assert len(offered) > 100
+    assert len(offered) > 50
     motion = known([(max(o.gap_error, o.rebound_error), o.request) for o in offered])
     gap = known([(o.gap_error, o.request) for o in offered])
     energy = known([(o.energy_error, o.request) for o in offered])
     for errors in (gap, motion, energy):
-        assert len(errors) > 80
+        assert len(errors) > 40
         assert errors[-1] <= 1.0
     # It is not offered less than it could be by far: some come close.
     assert sum(error > 0.1 for error in gap) > 0.1 * len(gap)
