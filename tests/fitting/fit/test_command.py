@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -77,24 +77,6 @@ FIELDS = {
 }
 
 
-def is_number(value: Any) -> bool:
-    return type(value) in (int, float)
-
-
-TYPES: dict[str, Callable[[Any], bool]] = {
-    "text": lambda v: isinstance(v, str),
-    "integer": lambda v: type(v) is int,
-    "number": is_number,
-    "true or false": lambda v: isinstance(v, bool),
-    "object": lambda v: isinstance(v, dict),
-    "object of numbers": lambda v: all(map(is_number, v.values())),
-    "list": lambda v: isinstance(v, list),
-    "list of text": lambda v: all(isinstance(x, str) for x in v),
-    "list of numbers": lambda v: all(map(is_number, v)),
-    "list of lists": lambda v: all(x is None or is_number(x) for row in v for x in row),
-}
-
-
 def fields(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Fields of a JSON by the paths of the page, where `*` is any of a list and any name."""
     yield path, value
@@ -107,7 +89,7 @@ def fields(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
 
 
 @pytest.mark.full
-def test_json_has_the_fields_and_types_of_its_page(tmp_path):
+def test_json_has_the_fields_of_its_page(tmp_path):
     seen: set[str] = set()
     elastic, yields = record(scene()), record(scene(*YIELDS), seed=4)
     one = write_csv(tmp_path / "a" / "drop.csv", elastic)
@@ -140,9 +122,7 @@ def test_json_has_the_fields_and_types_of_its_page(tmp_path):
         assert set(data) == {path for path in FIELDS if "." not in path}
         for path, value in fields(data):
             if path and not path.endswith("*"):
-                kind = FIELDS[path]
-                null = value is None and kind.endswith(" or null")
-                assert null or TYPES[kind.removesuffix(" or null")](value), (path, value)
+                assert value is not None or FIELDS[path].endswith(" or null"), path
                 seen.add(path)
         assert data["model"] == model
         assert data["checked_only"] == ("--check" in words)

@@ -24,19 +24,6 @@ def test_a_negative_sensitivity_keeps_range_and_step(sensitivity):
     assert converter_step(record) == pytest.approx(7.0 / 256 / 0.5)
 
 
-def test_a_sensor_that_rests_at_one_end_is_clipped_at_the_other():
-    value = np.zeros(40)
-    value[20:26] = [2.0, 8.0, 10.0, 10.0, 7.0, 1.0]
-    measurement = parse_record_table({"range": [0.0, 10.0]}, "drop.csv")
-    one = Record("r", 1e-6 * np.arange(40), value, "contact_force", measurement=measurement)
-    assert list(np.flatnonzero(clipped_samples(one))) == [22, 23]
-
-
-def test_samples_at_rest_are_not_clipped_where_the_contact_takes_most_of_the_record():
-    value = np.append(np.zeros(10), 5.0 + np.sin(np.arange(30.0)))
-    assert not clipped_samples(Record("r", 1e-6 * np.arange(40), value, "contact_force")).any()
-
-
 def test_outliers_and_gaps_do_not_change_the_deviation():
     noise = 2.0 * np.random.default_rng(1).standard_normal(100_000)
     assert robust_deviation(noise) == pytest.approx(2.0, rel=0.02)
