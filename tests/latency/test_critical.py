@@ -24,23 +24,18 @@ BANDS = {
 NEVER_BETTER = [("aluminium-3mm", "slope_threshold"), ("aluminium-3mm", "least_squares")]
 
 
-@pytest.fixture(scope="module")
-def measured(pool):
-    return {key: critical(pool, NAMED[key[0]], key[1], 12) for key in (*BANDS, *NEVER_BETTER)}
-
-
 @pytest.mark.full
 @pytest.mark.parametrize("key", BANDS)
-def test_critical_latency_and_bits_are_in_their_bands(key, measured):
+def test_critical_latency_and_bits_are_in_their_bands(key, pool):
     least, most, fewest, bits = BANDS[key]
-    found = measured[key]
+    found = critical(pool, NAMED[key[0]], key[1], 12)
     assert least <= found.critical_latency_us <= most
     assert fewest <= found.critical_bits <= bits
 
 
 @pytest.mark.parametrize("key", NEVER_BETTER)
-def test_the_published_setting_never_helps_the_light_ball(key, measured):
-    found = measured[key]
+def test_the_published_setting_never_helps_the_light_ball(key, pool):
+    found = critical(pool, NAMED[key[0]], key[1], 12)
     assert found.ideal_db > 0.0
     assert found.critical_latency_us != found.critical_latency_us  # nan
     assert found.critical_bits != found.critical_bits
