@@ -78,20 +78,6 @@ def test_the_description_of_a_channel(original, tmp_path, label):
     assert found.startswith(f"daq.{label} differs")
 
 
-@pytest.mark.parametrize("place", [0, 1, -1])
-@pytest.mark.parametrize("stream", ["daq", "force", "truth"])
-def test_a_missing_message(original, tmp_path, stream, place):
-    """A stream is read up to its first missing message."""
-    left_out = [m for m in messages(original) if m.stream == stream][place]
-    changed = rewrite(
-        original, tmp_path / "b.mcap", lambda m: (m.stream, m.number) != (stream, left_out.number)
-    )
-    read_ = left_out.header.first_step // getattr(left_out.header, "every_steps", 1)
-    whole = getattr(read(original), stream).samples
-    found = f"{stream} has {whole} samples in one and {read_} in the other"
-    assert difference(original, changed) == found
-
-
 @pytest.mark.parametrize(
     ("left", "right", "same"),
     [

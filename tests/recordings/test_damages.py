@@ -35,7 +35,7 @@ from tests.recordings.rewriting import Sent, messages
 from tests.tiers import default
 
 TRIES, SEED = 27, 20
-LIES = 200
+LIES = 100
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def source(tmp_path_factory):
     return many_chunks(tmp_path_factory.mktemp("damages"))
 
 
-@pytest.mark.parametrize("tries", default([TRIES, 30 * len(DAMAGES)], [TRIES]))
+@pytest.mark.parametrize("tries", default([TRIES, 15 * len(DAMAGES)], [TRIES]))
 def test_damages(source, tmp_path, tries):
     tally = try_many(source, tmp_path, drawn(source.read_bytes(), tries, SEED))
     assert tally.wrong == [], f"python -m tests.recordings.damages --tries {tries} --seed {SEED}"

@@ -6,7 +6,7 @@ from hertzloop.loop.in_process import record_in_process
 from hertzloop.scene.setup import load
 from tests.recordings.test_untrusted import measured
 
-MILLIONS = (0.5, 2.5)
+MILLIONS = (0.5, 1.5)
 MOST_BYTES, STEPS = 6 * 2**30, 20.0  # millions
 
 

@@ -1,6 +1,5 @@
 """The replay: what is in the .rrd file, the command, and one picture without a screen."""
 
-import dataclasses
 import io
 import os
 import re
@@ -20,9 +19,8 @@ from hertzloop.recordings import writer
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.recording import Recording, SampledStream
 from hertzloop.recordings.replay import as_rerun, scene3d, viewer
-from hertzloop.recordings.replay.replay_data import check_replayable, prepare
+from hertzloop.recordings.replay.replay_data import prepare
 from hertzloop.recordings.replay.screenshot import screenshot
-from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.setup import load
 from hertzloop.views import replaying
 from tests.commands import call, refused, succeed
@@ -156,12 +154,6 @@ def test_times_are_exact_to_the_nanosecond(tmp_path):
         ("PT0.333333337S", "in contact"),
         ("PT0.666666674S", "apart"),
     ]
-
-
-def test_a_recording_without_a_step_says_so(file, tmp_path):
-    recording = dataclasses.replace(read(file), truth=SampledStream())
-    with pytest.raises(RecordingError, match=r"run\.mcap holds no step of the simulation"):
-        check_replayable(recording)
 
 
 @pytest.mark.parametrize("missing", ["daq", "force", "events", "contact"])

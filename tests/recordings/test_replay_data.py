@@ -2,17 +2,14 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from hertzloop.bus import codec
-from hertzloop.bus.messages_pb2 import ControllerReport, EventKind, RunEnd, TruthBlock
+from hertzloop.bus.messages_pb2 import ControllerReport, EventKind, RunEnd
 from hertzloop.recordings.recording import Event, EventData, Recording, SampledStream
-from hertzloop.recordings.replay import decimation, live, scene3d, spectrum
+from hertzloop.recordings.replay import decimation
 from hertzloop.recordings.replay.decimation import decimated, enough
-from hertzloop.recordings.replay.deflection import Deflection
 from hertzloop.recordings.replay.law_states import law_states
 from hertzloop.recordings.replay.plots import plots
 
@@ -100,81 +97,9 @@ def test_what_was_measured_is_plotted_where_it_belongs(quantity, plot, factor):
 
 # What is handed to the viewer
 
-STEP_S = 1e-6
 FIELDS = ("xi_m", "f_c_n", "f_a_n", "v_p_m_s")
-
-
-class Drawn:
-    """Stands for a recording of the viewer: keeps what is sent, by entity."""
-
-    def __init__(self) -> None:
-        self.logged: dict[str, Any] = {}
-        self.columns: dict[str, tuple[list[int], list[Any]]] = {}
-
-    def log(self, path: str, what: object, static: bool) -> None:
-        assert static
-        self.logged[path] = what
-
-    def send_columns(self, path: str, indexes: list[Any], columns: Any) -> None:
-        [times], [column] = indexes, columns
-        times_ns = times.as_arrow_array().cast("int64").to_pylist()
-        self.columns[path] = times_ns, column.as_arrow_array().to_pylist()
-
-    def part(self, path: str, name: str) -> list[Any]:
-        """A component of an entity."""
-        found: list[Any] = getattr(self.logged[path], name).as_arrow_array().to_pylist()
-        return found
-
-
-def test_a_sine_peaks_at_the_bar_of_its_frequency():
-    t, frequencies_hz = STEP_S * np.arange(1 << 16), (1e3, 1e4)
-    shown: Any = Drawn()
-    spectra = [
-        spectrum.spectrum(f"{f:g} Hz", np.sin(2.0 * np.pi * f * t), STEP_S) for f in frequencies_hz
-    ]
-    spectrum.send(shown, spectra, [(1, 2, 3)] * 2)
-    for name, frequency_hz in (("1000_Hz", 1e3), ("0_10000_Hz", 1e4)):
-        bars = shown.logged[f"spectrum/{name}"]
-        at, level = (
-            np.array(part.as_arrow_array().to_pylist()[0]["buffer"])
-            for part in (bars.abscissa, bars.values)
-        )
-        assert at[level.argmax()] == pytest.approx(np.log10(frequency_hz), abs=0.03)
-        assert level.min() >= 0.0
-
-
-def test_a_live_view_shows_a_block_at_its_time_and_in_its_unit():
-    gap = np.array([3e-6, -2e-6, 1e-6])
-    rest = {name: np.zeros(3) for name in FIELDS[1:]}
-    shown: Any = Drawn()
-    block = TruthBlock(first_step=1000, step_ns=500)
-    sent = live.send_block(shown, codec.encode(block, xi_m=gap, **rest))
-    times, values = shown.columns["live/gap/xi"]
-    assert times == [500_000, 500_500, 501_000]
-    np.testing.assert_allclose(np.ravel(values), [3.0, -2.0, 1.0])
-    assert sent == sum(len(times) for times, _ in shown.columns.values())
 
 
 def truth_of_zeros(count: int, **more: np.ndarray) -> SampledStream:
     arrays = {name: np.zeros(count) for name in FIELDS}
     return SampledStream(1, step_ns=1000, arrays=arrays | more)
-
-
-def test_the_actuators_force_is_an_arrow_to_scale_at_its_point():
-    x, y = np.linspace(0.0, 0.5, 6), np.linspace(0.0, 0.3, 4)
-    plate = Deflection(np.arange(4), x, y, np.zeros((4, 6, 4)), (0.25, 0.15))
-    drawn = scene3d.scale(plate, (0, 3), 0.003)
-    shown: Any = Drawn()
-    force_n = np.array([0.0, 10.0, -5.0, np.nan])
-    scene3d.send_actuator(shown, force_n, plate, (0.2, 0.1), drawn, 20.0)
-    ring = np.array(shown.part("scene/actuator", "strips")[0])
-    np.testing.assert_allclose(ring[:-1, :2].mean(axis=0), (0.2, 0.1), atol=1e-6)
-    away = np.hypot(*(ring[:, :2] - (0.2, 0.1)).T)
-    np.testing.assert_allclose(away, 1.5 * drawn.sphere_radius_m, rtol=1e-5)
-    assert shown.part("scene/actuator/name", "labels") == ["actuator, full arrow 20 N"]
-    arrows = np.array(shown.columns["scene/actuator/force"][1])[:, 0]
-    np.testing.assert_allclose(arrows[:, :2], 0.0)
-    # A full one is 0.16 of the shorter side; up is away from the plate.
-    np.testing.assert_allclose(
-        arrows[:, 2], 0.16 * 0.3 * np.array([0.0, 0.5, -0.25, 0.0]), rtol=1e-5
-    )
