@@ -189,46 +189,6 @@ def test_a_region_that_is_not_an_interval_is_reported():
     assert never.holds_again == (20.0, 40.0)
 
 
-def metric_limit(metric, quantity, search):
-    """The limit where `metric(value, case)` is the plate energy in dB."""
-
-    def run(cases):
-        return [{**row(0.0), "plate_energy_db": metric(case["a.b"], case)} for case in cases]
-
-    return side_by_side([limit_of(quantity, [GOAL], search)], run)[0]
-
-
-@pytest.mark.parametrize("phase", [None, 0.5])
-def test_a_narrow_gap_at_a_jump_is_found_where_the_metric_bends_towards_it(phase):
-    """Values 44 to 46 fail, perhaps only at the phase at which the scan tries 56."""
-
-    def metric(value, case):
-        jumps = value >= 44 and phase in (None, case["run.touch_phase"])
-        return (0.7 - 0.3 * (value - 44)) if jumps else -6.0
-
-    quantity = BudgetQuantity("mass_kg", "a.b", "kg", tuple(range(127)))
-    limit = metric_limit(metric, quantity, SearchEffort((0.1, 0.9, 0.5), (1,), 10))
-    assert (limit.value, limit.first_failure) == (43, 44)
-
-
-def test_a_failure_by_chance_just_below_a_jump_is_found():
-    """From 92 on all variants fail, at once; one variant fails at 86 and 87 already."""
-
-    def metric(value, case):
-        alone = value in (86, 87) and case["run.seed"] == 2 and case["run.touch_phase"] == 0.5
-        return 1.0 if alone or value >= 92 else -3.0
-
-    quantity = BudgetQuantity("noise", "a.b", "rms", tuple(range(121)), by_chance=True, finer=4)
-    limit = metric_limit(metric, quantity, SearchEffort((0.1, 0.5, 0.9), (1, 2, 3), 10))
-    assert limit.value < 87
-
-
-def test_the_first_value_after_the_ideal_one_is_tried():
-    quantity = BudgetQuantity("mass_kg", "a.b", "kg", tuple(range(127)))
-    limit, _ = found_by(lambda value, _: not 1 <= value <= 13, quantity)
-    assert (limit.value, limit.first_failure) == (0.0, 1.0)
-
-
 def test_a_loop_that_fails_late_is_found_by_the_longer_run():
     search = SearchEffort((0.5,), (1,), 6, short_s=0.001, long_s=0.01)
     limit, _ = found_by(

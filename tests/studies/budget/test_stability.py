@@ -17,7 +17,6 @@ from hertzloop.studies.margin.growth import growth_of, stable_in_flight
 from hertzloop.studies.margin.loop import loops_of
 from tests.commands import refused, succeed
 from tests.hertzloop.scenes import json_in
-from tests.tiers import default
 
 GOAL = parse_goal("plate_energy_db <= -0.1")
 SHORT = "run.duration_s=0.0016"
@@ -67,12 +66,6 @@ UNSTABLE = {
     "declared": ["controller.law=declared.py"],
     "velocity": ["controller.law=velocity_feedback"],
     "acceleration": ["controller.law=acceleration_feedback"],
-    "integral": [
-        "controller.law=linear",
-        "sensors.quantity=acceleration",
-        "controller.numerator=[-2e-5]",
-        "controller.denominator=[1, -1]",
-    ],
 }
 
 
@@ -103,7 +96,7 @@ def tolerated_of(setup, name, value, margin=None):
     return lower_to_stable(setup, margin or linear_margin(setup), quantity, limit, 10), limit
 
 
-@pytest.mark.parametrize("kind", default(UNSTABLE, UNSTABLE.keys() - {"integral"}))
+@pytest.mark.parametrize("kind", UNSTABLE)
 def test_an_unstable_loop_tolerates_nothing(folder, kind):
     setup = load("aluminium-3mm", [SHORT, *UNSTABLE[kind]])
     margin = linear_margin(setup)

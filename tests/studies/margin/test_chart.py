@@ -67,14 +67,6 @@ def test_the_binding_mode_has_indices_and_frequency():
     assert found.number == len(lower) + 1
 
 
-def test_a_structure_without_indices_has_a_number():
-    setup = load("oak-20mm", [*VELOCITY, "plate.edges=cccc"])
-    natural = np.sort(np.abs(np.log(plant_in_flight(setup).poles[:20]))) / setup.run.step_s
-    found = binding_mode(setup, float(natural[4]) / (2.0 * np.pi))
-    assert found.indices is None
-    assert mode_name(found) == "mode 5"
-
-
 def test_where_modes_overlap_or_the_omitted_ones_prevail_it_is_said():
     setup = load("oak-20mm", VELOCITY)
     assert binding_mode(setup, 400e3) is None

@@ -13,9 +13,7 @@ from hertzloop.studies.margin.table import Loop
 from tests.tiers import default
 
 
-@pytest.mark.parametrize(
-    "seed", default([7, 9, 10], [7])
-)  # in 9 and 10, conjugate starts never converged
+@pytest.mark.parametrize("seed", default([7, 9], [7]))  # in 9, conjugate starts never converged
 def test_counts_of_hard_loops_agree_with_all_poles(seed):
     checks = list(synthetic(seed, 150))
     assert [c for c in checks if not c.agrees] == []

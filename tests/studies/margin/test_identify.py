@@ -1,7 +1,5 @@
 """Whether a law is linear, and with which transfer function."""
 
-from dataclasses import asdict, field, make_dataclass, replace
-
 import numpy as np
 import pytest
 import scipy.signal as sg
@@ -95,17 +93,6 @@ def test_what_the_transfer_function_does_not_hold_is_refused(setting):
         law_filter(load("aluminium-3mm", [*law, setting]))
 
 
-@pytest.mark.parametrize("part", ["sensor", "signal_path"])
-def test_a_field_that_is_not_known_to_be_linear_is_refused_where_it_is_set(part):
-    setup = load("aluminium-3mm", ["controller.law=velocity_feedback", "controller.kappa=0.1"])
-    own = getattr(setup, part)
-    more = [("dead_zone", float, field(default=0.0))]
-    kind = make_dataclass("More", more, bases=(type(own),), frozen=True)
-    assert law_filter(replace(setup, **{part: kind(**asdict(own))})).fir[0] < 0.0
-    with pytest.raises(NotLinearError, match=r"^dead_zone = 0\.1 is not known to be linear$"):
-        law_filter(replace(setup, **{part: kind(**asdict(own), dead_zone=0.1)}))
-
-
 @pytest.mark.parametrize(
     "sos",
     [
@@ -143,7 +130,10 @@ def test_sections_have_the_response_of_their_polynomials(sos):
 def test_an_integrator_counts_as_a_slow_decay():
     keys = ["controller.numerator=[-1e-4]", "controller.denominator=[1, -1]"]
     found = margin_of(
-        load("oak-20mm", ["controller.law=linear", *keys, "sensors.quantity=acceleration"])
+        load(
+            "oak-20mm",
+            ["controller.law=linear", *keys, "sensors.quantity=acceleration", "run.accuracy=0.1"],
+        )
     )
     assert found.applicable
     assert found.stable
