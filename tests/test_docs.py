@@ -160,10 +160,6 @@ def test_citation_and_changelog_have_the_version():
     assert (ROOT / "CHANGELOG.md").read_text().partition("\n## [")[2].startswith(f"{version}] - ")
 
 
-def test_the_readme_is_short():
-    assert len((ROOT / "README.md").read_text().splitlines()) <= 70
-
-
 def test_the_tour_leads_through_names_that_exist():
     tour = (DOCS / "explanation" / "tour.md").read_text()
     stops = re.findall(r"^\d+\. `(.+?)`, `(.+?)`: ", tour, re.M)
