@@ -54,10 +54,13 @@ class LawState(NamedTuple):
 
 
 def first_state(record: np.ndarray, samples: int) -> LawState:
-    """A law's state before the first of so many samples; `record`: its words at the start."""
+    """A law's state before the first of so many samples; `record`: its words at the start.
+
+    Samples to come are no number, so that the command of a law that reads one is none either.
+    """
     numbers = np.zeros(LAW_NUMBERS)
     numbers[QUIET_ABOVE] = math.inf
-    counts, history = np.zeros(LAW_COUNTS, np.int64), np.zeros(samples)
+    counts, history = np.zeros(LAW_COUNTS, np.int64), np.full(samples, math.nan)
     return LawState(counts, numbers, history, np.empty(samples), record.copy())
 
 

@@ -182,12 +182,18 @@ def test_a_module_is_loaded_with_the_same_care(here, monkeypatch):
 
 LATE = {  # than the trial reaches
     "compiled": ("assert i != 3000, 'it is late'", "AssertionError: it is late"),
+    "ahead": (
+        "if i == 3000: return samples[i + 1]",
+        "UnknownSample: samples[3001] is not known yet; at sample 3000 a law may read samples[0] "
+        "to samples[3000]",
+    ),
     "exit": ("if i == 3000: import sys; sys.exit(0)", "SystemExit: 0"),  # as Python
 }
 CASES = [*(("exit", transport) for transport in Transport), ("compiled", Transport.COMPILED)]
+CASES += [("ahead", Transport.COMPILED)]
 
 
-@pytest.mark.parametrize("case", default(CASES, CASES[:1]), ids=" ".join)
+@pytest.mark.parametrize("case", default(CASES, [CASES[0], CASES[-1]]), ids=" ".join)
 def test_wrong_in_the_run(here, case):
     """The run ends; the recording up to there stays readable."""
     how, transport = case
