@@ -40,7 +40,7 @@ def overlay(setup: Setup, truth: np.ndarray, names: Iterable[str]) -> Overlay:
         truth: its time series, shape (10, steps).
         names: the wanted curves: "xi", "F_c", "F_a", "v_p", "sphere", "plate", "contact", "fed".
     """
-    contacts, energies = contact_spans(truth[XI]), energy_history(setup, truth)
+    contacts, energies = contact_spans(truth[F_C]), energy_history(setup, truth)
     lines = {
         name: decimated(truth[_ROWS[name]] if name in _ROWS else getattr(energies, name), contacts)
         for name in names

@@ -20,13 +20,13 @@ class ContactSpan:
     deepest_m: float
 
 
-def contact_spans(xi_m: np.ndarray) -> list[Span]:
-    """Return the first step in contact and the first one after it, for every contact.
+def contact_spans(force_n: np.ndarray) -> list[Span]:
+    """Return the first step with a contact force and the first one after it, for every contact.
 
     Args:
-        xi_m: Gap, (steps,), m.
+        force_n: Contact force, (steps,), N. The gap does not tell: it is below zero over a dent.
     """
-    touching = np.concatenate([[0], (xi_m < 0.0).astype(np.int8), [0]])
+    touching = np.concatenate([[0], (force_n != 0.0).astype(np.int8), [0]])
     edges = np.flatnonzero(np.diff(touching))
     return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
@@ -36,5 +36,5 @@ def contacts_of(truth: SampledStream) -> list[ContactSpan]:
     xi, force = truth.arrays.get("xi_m", np.empty(0)), truth.arrays.get("f_c_n", np.empty(0))
     return [
         ContactSpan(a, b, float(force[a:b].max()), -float(xi[a:b].min()))
-        for a, b in contact_spans(xi)
+        for a, b in contact_spans(force)
     ]
