@@ -142,7 +142,10 @@ def _fully_plastic(f: RunContext) -> float:
 
 def _yields(f: RunContext, x: float) -> str:
     if f.weaker is None or math.isnan(x):
-        return "when the plate yields is not known: give plate.material.yield_pa or hardness_pa"
+        return (
+            "whether the plate yields; its contact is elastic here. Give plate.material.yield_pa "
+            "or hardness_pa, or a material that has them, as steel_s235"
+        )
     body, strength = f.weaker
     words = (
         f"the {body} yields: mean pressure {quantity(f.pressure_pa, 'Pa')}, "

@@ -74,7 +74,10 @@ def print_inspection(console: Console, found: Inspected, details: bool = False) 
     beyond = [sentence for sentence in verdict if sentence.startswith(OUT_OF_RANGE)]
     pieces: Pieces = [*verdict_lines(beyond)]
     pieces += [unwrapped(("Missing or damaged:", "red"), f" {one}") for one in found.problems]
-    if not found.problems:
+    if found.problems:
+        repair = shlex.join(["hertzloop", "repair", argument(str(recording.path))])
+        pieces.append(unwrapped("A file of what is readable: ", (repair, "bold")))
+    else:
         pieces.append(Text("Complete: no announced message is missing.", "bold"))
     if recording.unchecked:
         pieces.append(unwrapped(f"Not checked: {without_checksum(recording.unchecked)}."))

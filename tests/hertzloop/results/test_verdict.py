@@ -88,7 +88,7 @@ def test_a_metric_without_a_value_and_an_unknown_effect_have_a_reason(tmp_path):
     assert own in scene
     (tmp_path / "own.toml").write_text(scene)
     _, output = run(tmp_path, "run.duration_s=0.0013", scene=str(tmp_path / "own.toml"))
-    sentence = "Unknown: when the plate yields is not known: give plate.material.yield_pa"
+    sentence = "Unknown: whether the plate yields; its contact is elastic here. Give"
     assert sentence in output
     short = ["--set", "run.duration_s=0.0013"]
     checked = invoke(["scene", "check", str(tmp_path / "own.toml"), *short])
