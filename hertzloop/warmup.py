@@ -122,7 +122,7 @@ def _usual(works: Collection[Work]) -> Path:
 
 def _types_of(setup: "Setup") -> str:
     """A name of the types that kernels are compiled for. Those of a controller are the same for
-    every law and line."""
+    every law and signal path."""
     plant, sensor = build_plant(setup), build_sensor(setup)
     return types_digest(plant.model, plant.state, sensor.model, sensor.state)
 

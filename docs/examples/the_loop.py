@@ -1,4 +1,4 @@
-"""The loop of a run in plain Python: plant, sensor, law and line, step by step.
+"""The loop of a run in plain Python: plant, sensor, law and latency, step by step.
 
 The samples have the bits of `hertzloop.simulate(scene)`, which is some hundred times as fast.
 """
@@ -25,11 +25,11 @@ def law(sample: float) -> float:
 
 
 plant = hertzloop.Stepper(scene)  # sphere, plate and actuator, with the sensor on them
-line = deque([0.0] * (1 + LATENCY_STEPS))  # a command acts from the next step on, and later
+on_the_way = deque([0.0] * (1 + LATENCY_STEPS))  # a command acts from the next step on, and later
 samples = [plant.sample]
 while plant.steps_done < plant.steps:
-    line.append(law(samples[-1]))
-    samples.append(plant.step(line.popleft()))
+    on_the_way.append(law(samples[-1]))
+    samples.append(plant.step(on_the_way.popleft()))
 
 print(f"largest contact force: {max(samples):.1f} N")
 print(f"energy from the actuator: {1e6 * plant.balance().injected_j:.1f} uJ")

@@ -60,7 +60,7 @@ def controller_report(setup: Setup, law: str | None = None) -> ControllerReport:
     """
     return ControllerReport(
         scene_toml=to_toml(setup.scene, law or setup.scene.controller.law, brief=True),
-        stiffness=setup.law.stiffness,
+        stiffness=setup.law_context.stiffness,
         law=loaded_law(setup).name,
         law_digest=loaded_law(setup).digest,
         versions=versions_here(),

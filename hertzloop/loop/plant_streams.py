@@ -25,7 +25,7 @@ from hertzloop.loop.events import PlantEvents
 from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import STEP
-from hertzloop.plant.time_series import TRUTH
+from hertzloop.plant.time_series import DEEPEST, TRUTH, XI
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
@@ -175,7 +175,7 @@ class PlantStreams:
         share = -(-end // self.sensor.spec.every_steps) - self._flags_first
         for found in self._events.of(
             first,
-            above_dent_m(self.plant.spec.contact, truth[0], truth[9]),
+            above_dent_m(self.plant.spec.contact, truth[XI], truth[DEEPEST]),
             self._flags_first,
             flags[:share],
             held,

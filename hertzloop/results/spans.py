@@ -43,7 +43,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
     the accuracy until the impact is over."""
     run, touch_s, quiet = setup.run, setup.first_touch_s, quiet_steps(setup)
     # An impact lasts about as long as on a rigid plate, and the law's last force comes later.
-    contact = round(setup.law.rigid_contact_s / run.step_s)
+    contact = round(setup.law_context.rigid_contact_s / run.step_s)
     least_s = run.step_s * (contact + setup.signal_path.latency_steps + quiet)
     plate = setup.infinite_plate
     if not plate.error(min(least_s, run.duration_s - touch_s)) <= run.accuracy:
@@ -63,7 +63,7 @@ def _on_infinite_plate(setup: Setup) -> tuple[Setup, SimulatedRun] | None:
 
 def _until_over(setup: Setup) -> SimulatedRun:
     """Simulate until the first impact is over, the run's end at the latest."""
-    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.law.rigid_contact_s
+    first, lasts_s = _FIRST_STEPS, _SLOWER * setup.law_context.rigid_contact_s
     while first < lasts_s / setup.run.step_s + setup.signal_path.latency_steps + quiet_steps(setup):
         first *= 4
     steps = round(setup.run.lead_in_s / setup.run.step_s) + first

@@ -32,7 +32,7 @@ def check_buildable(setup: Setup) -> None:
 
 
 def build_controller(setup: Setup, ahead: bool = True, steps: int | None = None) -> Controller:
-    """Law and line at the start of the run; `ahead` as of `bound_law`, `steps` as of
+    """Law and signal path at the start of the run; `ahead` as of `bound_law`, `steps` as of
     `build_sensor`. Raises SceneError.
 
     A law that is not shipped has its promises compared with its commands, whoever asks for them.
@@ -66,7 +66,7 @@ def law_context(setup: Setup) -> LawContext:
     A law that is computed beforehand asks for the contact force without control, which is a
     simulation of the plant alone.
     """
-    return replace(setup.law, uncontrolled_force_n=lambda: uncontrolled_force_n(setup))
+    return replace(setup.law_context, uncontrolled_force_n=lambda: uncontrolled_force_n(setup))
 
 
 def bound_law(setup: Setup, ahead: bool = True) -> BoundLaw:
@@ -101,7 +101,7 @@ def law_flight_m(setup: Setup) -> float:
     level = bound_law(setup).waits_above
     if not 0.0 < level < math.inf:
         return 0.0
-    known = setup.law
+    known = setup.law_context
     window = getattr(setup.scene.controller.keys, "window_samples", 1) * known.sample_s
     return min(level, known.impact_speed_m_s * (known.loop_delay_s + window))
 

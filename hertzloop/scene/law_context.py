@@ -33,7 +33,7 @@ def _law_force_bound(table: ControllerTable, law: Law) -> ForceBound:
         raise SceneError(str(error)) from error
 
 
-def resolve_law(
+def resolve_law_context(
     mechanics: Mechanics, stiffness: float, path: SignalPath, sensor: SensorSpec, step_ns: int
 ) -> LawContext:
     """What a law may know without a simulation; `stiffness` of the contact, N/m^1.5."""

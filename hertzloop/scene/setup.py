@@ -19,7 +19,7 @@ from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.errors import SceneError, fields_of
 from hertzloop.scene.infinite_plate import InfinitePlate
-from hertzloop.scene.law_context import law_force_bound, resolve_law
+from hertzloop.scene.law_context import law_force_bound, resolve_law_context
 from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import parse as parse_scene
 from hertzloop.scene.mechanics import Mechanics, resolve_mechanics
@@ -52,14 +52,14 @@ class Setup:
     """the plant with the model of the plate that `run.plate_model` comes to"""
     sensor: SensorSpec = field(compare=False)
     signal_path: SignalPath = field(compare=False)
-    law: LawContext
+    law_context: LawContext
     """what a law may know without a simulation"""
     infinite_plate: InfinitePlate = field(compare=False)
     """an infinite plate in the place of the modes, whether or not it is used"""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """The scene alone travels to other processes: a law may hold compiled code."""
-        return resolve, (self.scene, self.law.stiffness)
+        return resolve, (self.scene, self.law_context.stiffness)
 
     @property
     def first_touch_s(self) -> float:
@@ -213,8 +213,8 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
     else:
         plant = check_modes(plant, run.step_ns, run.scheme, run.accuracy)
     stiffness = announced_stiffness or mechanics.contact.stiffness
-    law = resolve_law(mechanics, stiffness, path, sensor, run.step_ns)
-    return Setup(scene, run, mechanics, plant, sensor, path, law, infinite)
+    known = resolve_law_context(mechanics, stiffness, path, sensor, run.step_ns)
+    return Setup(scene, run, mechanics, plant, sensor, path, known, infinite)
 
 
 def load(source: str, settings: Iterable[str] = (), seed: int | None = None) -> Setup:

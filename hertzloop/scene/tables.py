@@ -397,7 +397,7 @@ class SensorsTable(SceneTable):
 
 
 class ActuatorTable(SceneTable):
-    """The actuator between the controller's line and the plate: natural frequency and damping (of
+    """The actuator between the signal path and the plate: natural frequency and damping (of
     critical) of a second-order response, mass that moves with the plate, largest force; left out:
     none of them."""
 

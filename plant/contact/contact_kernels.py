@@ -44,7 +44,7 @@ class ContactModel(NamedTuple):
     residual_m_n: float
 
 
-class Path(NamedTuple):
+class GapPath(NamedTuple):
     """A gap over a step, t from 0 to 1: at both ends (m), its slopes there (m a step), its mean."""
 
     start: float
@@ -55,7 +55,7 @@ class Path(NamedTuple):
 
 
 @kernel(part=True)
-def line(contact, p):
+def yield_line(contact, p):
     """Force (N) of a contact that yields at a penetration beyond first yield, the rise of its line
     (N/m), and the work done until then (J)."""
     root = math.sqrt(contact.yield_m)
@@ -74,7 +74,7 @@ def recovered(contact, deepest):
     """How far the contact springs back from a deepest penetration, m; down to its indentation."""
     if deepest <= contact.yield_m:
         return deepest
-    return line(contact, deepest)[0] / (contact.stiffness * math.sqrt(deepest))
+    return yield_line(contact, deepest)[0] / (contact.stiffness * math.sqrt(deepest))
 
 
 @kernel(inline=True)
@@ -88,20 +88,20 @@ def yield_loss(contact, deepest):
     """What yielding took until a deepest penetration, J."""
     if deepest <= contact.yield_m:
         return 0.0
-    force, _, work = line(contact, deepest)
+    force, _, work = yield_line(contact, deepest)
     return work - 0.4 * force * recovered(contact, deepest)
 
 
 @kernel(inline=True)
-def law(contact, p, deepest):
+def contact_law(contact, p, deepest):
     """Force without damping (N), its slope (N/m), and the work done on the contact (J) at a
     penetration p, with the deepest one before it; what yielding took is part of the work."""
     if p > deepest and p > contact.yield_m:
-        return line(contact, p)
+        return yield_line(contact, p)
     stiffness, at, lost = contact.stiffness, 0.0, 0.0
     if deepest > contact.yield_m:
         back = recovered(contact, deepest)
-        stiffness = line(contact, deepest)[0] / (back * math.sqrt(back))
+        stiffness = yield_line(contact, deepest)[0] / (back * math.sqrt(back))
         at, lost = deepest - back, yield_loss(contact, deepest)
     above = p - at
     if above <= 0.0:
@@ -117,7 +117,7 @@ def in_series(contact, gap, deepest, guess):
     work done on both (J), penetration p (m). Newton's method in a bracket."""
     residual = contact.residual_m_n
     p = -gap - residual * guess
-    force, slope, work = law(contact, p, deepest)
+    force, slope, work = contact_law(contact, p, deepest)
     low, high = -math.inf, math.inf
     done = False
     for _ in range(_HALVINGS):
@@ -135,7 +135,7 @@ def in_series(contact, gap, deepest, guess):
         if not (done or low < p - change < high):
             change = p - 0.5 * (low + high)
         p -= change
-        force, slope, work = law(contact, p, deepest)
+        force, slope, work = contact_law(contact, p, deepest)
     return force, slope, work + 0.5 * residual * force * force, p
 
 
@@ -163,7 +163,7 @@ def quartic(path, t):
 @kernel(part=True)
 def under(free, by_0, by_1, f0, f1):
     """The gap under a force F_0 + F_1 P, from that without it and what each changes."""
-    return Path(
+    return GapPath(
         free.start + by_0.start * f0 + by_1.start * f1,
         free.end + by_0.end * f0 + by_1.end * f1,
         free.slope_0 + by_0.slope_0 * f0 + by_1.slope_0 * f1,
@@ -318,7 +318,7 @@ def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, 
 
 
 @kernel(copied=True)
-def _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, deepest):
+def _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, reached):
     """Least change of F_0, F_1 that closes the energy of the step, and whether it was found.
 
     The projection alone misses it a little: the rate of the gap is no linear function of time, so
@@ -330,7 +330,7 @@ def _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, deepest):
         end = free.end + by_0.end * f0 + by_1.end * f1
         mean = free.mean + by_0.mean * f0 + by_1.mean * f1
         way_0, way_1 = end - free.start, end + free.start - 2.0 * mean
-        force, _, after, _ = in_series(contact, end, deepest, f0 + f1)
+        force, _, after, _ = in_series(contact, end, reached, f0 + f1)
         wrong = f0 * way_0 + f1 * way_1 + (after - before) + lost
         size = abs(f0 * way_0) + abs(f1 * way_1) + after + before
         if abs(wrong) <= _ROUNDING * size or abs(wrong) >= last:

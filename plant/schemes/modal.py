@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hertzloop.plant import actuator
-from hertzloop.plant.contact.contact_kernels import ContactModel, Path
+from hertzloop.plant.contact.contact_kernels import ContactModel, GapPath
 from hertzloop.plant.contact.yielding import yield_depth_m
 from hertzloop.plant.lanes import aligned
 from hertzloop.plant.numerics import damped_frequency
@@ -195,14 +195,14 @@ def _of_contact(spec: PlantSpec, linear: Linear, residual: float) -> dict[str, A
             contact.hunt_crossley_s_m,
             residual,
         ),
-        "by_0": Path(
+        "by_0": GapPath(
             0.0,
             by_0[X] + h * h / (2.0 * m),
             h * mobility,
             h * (by_0[V] + mobility + h / m),
             by_0[MEAN] + h * h / (6.0 * m),
         ),
-        "by_1": Path(
+        "by_1": GapPath(
             0.0,
             by_1[X] - h * h / (6.0 * m),
             -h * mobility,

@@ -23,7 +23,7 @@ from hertzloop.plant import actuator_kernels as act
 from hertzloop.plant import state_kernels
 from hertzloop.plant.actuator_kernels import ActuatorModel
 from hertzloop.plant.contact import contact_kernels
-from hertzloop.plant.contact.contact_kernels import ContactModel, Path
+from hertzloop.plant.contact.contact_kernels import ContactModel, GapPath
 from hertzloop.plant.lanes import LANES, add, fma, load, mul, neg, splat, store, total
 from hertzloop.plant.state_kernels import (
     AWAKE,
@@ -89,8 +89,8 @@ class ModalModel(NamedTuple):
     gravity_m_s2: float
     linear: Linear
     contact: ContactModel
-    by_0: Path
-    by_1: Path
+    by_0: GapPath
+    by_1: GapPath
     actuator: ActuatorModel
     actuator_force: int
     actuator_point: int
@@ -244,7 +244,7 @@ def gap_without_contact(model, state, sphere, raised_0, raised_1, f_a, f_a1):
     mobility = model.linear.direct[CONTACT, model.actuator_force]
     plate_v0, plate_v1 = state.before[CONTACT, V], state.seen[CONTACT, V]
     raised = raised_1 - raised_0
-    return Path(
+    return GapPath(
         sphere_0 - state.before[CONTACT, X] - raised_0,
         sphere_1 - state.seen[CONTACT, X] - raised_1,
         h * (sphere_v0 - plate_v0 - mobility * (f_a - f_a1)) - raised,
@@ -331,7 +331,8 @@ def step(model, state, command):
     raised_0 = model.raised_by_m_n * (f_a - f_a1)
     raised_1 = model.raised_by_m_n * (f_a + f_a1)
     free = gap_without_contact(model, state, sphere, raised_0, raised_1, f_a, f_a1)
-    if raised_0 != body[RAISED]:  # the actuator's force jumps, and the residual bends
+    # The actuator's force jumps: it bends the residual, and works on it and on the contact.
+    if raised_0 != body[RAISED]:
         before = body[CONTACT_WORK]
         book_contact_at(model, state, free.start, body[F_C] + body[F_C1])
         balance[INJECTED] += body[CONTACT_WORK] - before
@@ -344,7 +345,7 @@ def step(model, state, command):
         mean_gap = height_0 + 0.5 * model.step_s * sphere_v0 - fall / 6.0
         unforced = look(linear.see[CONTACT, MEAN], state.z, awake)
         mean_gap -= mean_under(linear, state, CONTACT, unforced) + 0.5 * (raised_0 + raised_1)
-        free = Path(free.start, free.end, free.slope_0, free.slope_1, mean_gap)
+        free = GapPath(free.start, free.end, free.slope_0, free.slope_1, mean_gap)
         f_c, f_c1, lost = contact_force(model, state, free)
     if f_c != 0.0 or f_c1 != 0.0:
         push_structure(linear, state, CONTACT, -f_c, -f_c1)

@@ -4,9 +4,10 @@ A fit changes keys by a ten-thousandth and compares. The choice of the modes mus
 way: each mode that enters would make a jump. So truncated modes and number of modes are
 those of the starting point; only the frequencies move.
 
-Under a law, sensor, law and line keep the steps of the scene. The plant takes several steps in each
-of them, so that a record is as exact as that of a drop without control. Where in a sampling period
-the sphere touches the plate is not known of a record; it is the `phase`, in steps of the scene.
+Under a law, sensor, law and signal path keep the steps of the scene. The plant takes several steps
+in each of them, so that a record is as exact as that of a drop without control. Where in a sampling
+period the sphere touches the plate is not known of a record; it is the `phase`, in steps of the
+scene.
 """
 
 import math

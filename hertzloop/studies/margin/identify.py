@@ -159,7 +159,7 @@ def _impulse_response(answer: _Answer, scale: float) -> np.ndarray:
 
 
 def _amplitude(setup: Setup) -> float:
-    known = setup.law
+    known = setup.law_context
     speed = known.impact_speed_m_s
     if setup.scene.sensors.quantity == "xi":
         return max(speed * known.rigid_contact_s, 1e-9)

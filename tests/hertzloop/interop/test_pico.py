@@ -21,7 +21,7 @@ ROOM = int(
 @pytest.mark.parametrize("name", shipped())
 def test_the_hello_of_a_shipped_scene_is_small(name):
     setup = load(name)
-    assert hello(setup, setup.law.stiffness).ByteSize() < ROOM - 100 < 4096
+    assert hello(setup, setup.law_context.stiffness).ByteSize() < ROOM - 100 < 4096
 
 
 @pytest.fixture(scope="module")
@@ -36,5 +36,5 @@ def with_files(tmp_path_factory):
 
 
 def test_the_hello_of_a_scene_with_files_is_small(with_files):
-    assert all(hello(setup, setup.law.stiffness).ByteSize() < ROOM for setup in with_files)
+    assert all(hello(setup, setup.law_context.stiffness).ByteSize() < ROOM for setup in with_files)
     assert all(len(to_toml(setup.scene)) > ROOM for setup in with_files)

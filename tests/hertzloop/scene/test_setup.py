@@ -17,8 +17,8 @@ from tests.tiers import default
 
 SCENES = ["aluminium-20mm", "oak-20mm"]
 STAGES = (
-    "run", "mechanics", "plant", "sensor", "signal_path", "law", "first_touch_s", "plate_model",
-    "latency_us",
+    "run", "mechanics", "plant", "sensor", "signal_path", "law_context", "first_touch_s",
+    "plate_model", "latency_us",
 )  # fmt: skip
 FOLLOWING = {
     "infinite_plate_lasts_s": lambda setup: setup.infinite_plate.lasts_s(),
@@ -155,7 +155,7 @@ def test_every_key_varied_gives_what_is_resolved_anew(name):
 
 def test_a_law_works_with_the_stiffness_that_the_plant_announced():
     setup = aluminium_3mm()
-    told = setup.with_stiffness(2.0 * setup.law.stiffness)
+    told = setup.with_stiffness(2.0 * setup.law_context.stiffness)
     assert law_context(told).stiffness == 2.0 * law_context(setup).stiffness
     assert law_context(told).rigid_peak_n != law_context(setup).rigid_peak_n
     assert told.plant is setup.plant

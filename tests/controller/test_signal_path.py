@@ -1,4 +1,4 @@
-"""The line from command to actuator: latency, sampling, jitter, drop-outs, slew."""
+"""The signal path from command to actuator: latency, sampling, jitter, drop-outs, slew."""
 
 from dataclasses import replace
 
@@ -24,8 +24,8 @@ def newest_command(forces: np.ndarray) -> np.ndarray:
 @settings(max_examples=100, deadline=None)
 def test_sample_k_acts_from_the_step_after_it_plus_latency(law, samples, latency, every_steps):
     """Step by step: the command in force is that of the newest sample that may act by then."""
-    line = SignalPath(latency_steps=latency)
-    forces = drive(law, line, samples, every_steps=every_steps).forces
+    path = SignalPath(latency_steps=latency)
+    forces = drive(law, path, samples, every_steps=every_steps).forces
     by_sample = commands(law, samples)
     assert len(forces) == len(samples) * every_steps + 1 + latency
     for step, force in enumerate(forces):
@@ -36,8 +36,8 @@ def test_sample_k_acts_from_the_step_after_it_plus_latency(law, samples, latency
 
 @pytest.mark.parametrize("latency", [0, 4])
 def test_jitter_stays_in_range_and_keeps_the_order(latency):
-    line = SignalPath(latency_steps=latency, jitter_steps=3)
-    newest = newest_command(drive(COUNTING, line, ALWAYS_TOUCHING).forces)
+    path = SignalPath(latency_steps=latency, jitter_steps=3)
+    newest = newest_command(drive(COUNTING, path, ALWAYS_TOUCHING).forces)
     assert np.all(np.diff(newest) >= 0)
     steps = np.arange(len(newest))
     started = steps > latency + 3
@@ -48,8 +48,8 @@ def test_jitter_stays_in_range_and_keeps_the_order(latency):
 
 
 def test_a_lost_command_leaves_the_last_force():
-    line = SignalPath(drop_out_probability=0.25)
-    newest = newest_command(drive(COUNTING, line, ALWAYS_TOUCHING).forces)[1:]
+    path = SignalPath(drop_out_probability=0.25)
+    newest = newest_command(drive(COUNTING, path, ALWAYS_TOUCHING).forces)[1:]
     arrived = newest == np.arange(len(newest))
     held = np.maximum.accumulate(np.where(arrived, np.arange(len(newest)), -1))
     assert np.array_equal(newest, held)
