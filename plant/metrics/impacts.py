@@ -90,7 +90,7 @@ def peak_force_n(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
 
 def _largest_of_cubic(mean_n: np.ndarray, slope_n: np.ndarray) -> float:
     """Largest value over two steps of the cubic with their F_0 and F_1, N."""
-    c0, c1, c2, c3 = (TO_CUBIC @ np.column_stack([mean_n, slope_n]).ravel()).tolist()
+    c0, c1, c2, c3 = (TO_CUBIC @ np.ravel([mean_n, slope_n], "F")).tolist()
     at = [-1.0, 1.0]
     root = math.sqrt(max(c2 * c2 - 3.0 * c1 * c3, 0.0))
     q = -c2 - math.copysign(root, c2)  # both roots of c1 + 2 c2 x + 3 c3 x^2, without cancellation

@@ -134,20 +134,20 @@ def closed_forms(
     }
 
 
-_BLOCK, _BLOCKS_AT_ONCE = 64, 64  # steps of a block, and blocks that are summed together
+_BLOCK, _BLOCKS = 64, 64  # steps of a block, and blocks that are summed together
 _PAIRS_AT_ONCE = 1 << 23  # of two frequencies
 
 
 @lru_cache(maxsize=16)
-def _transform(modes: Oscillators, step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _transform(modes: Oscillators, step_s: float) -> tuple[np.ndarray, ...]:
     """What transforms the steps of a force at the frequencies of oscillators.
 
     A force F_0 + F_1 (2 t/h - 1) over every step has, with a = w h/2, the sum of F_0 e^(-i w n h)
     times h e^(-i a) sin(a)/a, and that of F_1 times h e^(-i a) (-i) (sin a - a cos a)/a^2.
 
     Returns:
-        e^(-i w n h) for n from 0 to a block's length, shape (_BLOCK + 1, oscillators), and both
-        factors, shape (oscillators,).
+        e^(-i w n h) for the steps of a block, shape (_BLOCK, oscillators), the same for the starts
+        of blocks, shape (_BLOCKS + 1, oscillators), and both factors, shape (oscillators,).
     """
     half = 0.5 * modes.omega * step_s
     held = step_s * np.sinc(half / np.pi) * np.exp(-1j * half)
@@ -158,7 +158,11 @@ def _transform(modes: Oscillators, step_s: float) -> tuple[np.ndarray, np.ndarra
         small, half / 3.0 * (1.0 - half * half / 10.0), (np.sin(a) - a * np.cos(a)) / (a * a)
     )
     tilted = -1j * odd * np.exp(-1j * half) * step_s
-    return np.exp(-1j * step_s * np.arange(_BLOCK + 1)[:, None] * modes.omega), held, tilted
+    of_step, of_block = (
+        np.exp(-1j * step_s * steps[:, None] * modes.omega)
+        for steps in (np.arange(_BLOCK), _BLOCK * np.arange(_BLOCKS + 1))
+    )
+    return of_step, of_block, held, tilted
 
 
 @on_one_thread
@@ -173,15 +177,16 @@ def modal_drive(
         contact_n: Mean and slope of the force up on the plate at the contact, N, (2, steps).
         actuator_n: The same of the actuator.
     """
-    powers, held, tilted = _transform(modes, step_s)
-    forces = np.concatenate([contact_n, actuator_n])
-    forces = np.pad(forces, ((0, 0), (0, -forces.shape[1] % _BLOCK))).reshape(4, -1, _BLOCK)
+    of_step, of_block, held, tilted = _transform(modes, step_s)
+    steps = contact_n.shape[1]
+    forces = np.zeros((4, -(-steps // _BLOCK), _BLOCK))
+    forces.reshape(4, -1)[:, :steps] = *contact_n, *actuator_n
     sums = np.zeros((4, len(modes.omega)), complex)
-    for end in range(forces.shape[1], 0, -_BLOCKS_AT_ONCE):
-        first = max(end - _BLOCKS_AT_ONCE, 0)
-        blocks = (forces[:, first:end] @ powers[:_BLOCK].view(float)).view(complex)
-        for block in blocks.swapaxes(0, 1)[::-1]:  # from block to block, which keeps digits
-            sums = sums * powers[_BLOCK] + block
+    for end in range(forces.shape[1], 0, -_BLOCKS):
+        first = max(end - _BLOCKS, 0)
+        blocks = (forces[:, first:end] @ of_step.view(float)).view(complex)
+        each = np.einsum("fbn,bn->fn", blocks, of_block[: end - first])
+        sums = sums * of_block[end - first] + each
     contact, actuator = held * sums[::2] + tilted * sums[1::2]
     return np.asarray(modes.contact * contact + modes.actuator * actuator)
 
