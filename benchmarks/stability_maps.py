@@ -92,7 +92,7 @@ def textbook_outcomes(what: Problem, shares: Iterable[float]) -> Iterator[Outcom
 
 
 def shake(plant: Plant, speed_m_s: float) -> float:
-    """Let the plate pass its rest position with a speed at the struck point, up positive, shared
+    """Let the plate pass its rest position with a speed at the contact point, up positive, shared
     by its lowest ten oscillators. Returns the energy that this adds, J, which the plant's own
     balance do not know. For a plant at rest at the first touch."""
     state, linear = plant.state, plant.model.linear

@@ -1,4 +1,4 @@
-"""Against the velocity of the struck point, from its acceleration by a leaking integral."""
+"""Against the velocity of the contact point, from its acceleration by a leaking integral."""
 
 import math
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Against the plate's velocity at the struck point, in shares of the plate's impedance."""
+"""Against the plate's velocity at the contact point, in shares of the plate's impedance."""
 
 from hertzloop.controller.law import LawContext
 from hertzloop.controller.laws.force_feedback import (  # noqa: F401

@@ -113,7 +113,7 @@ def peak_speed_m_s(speed_m_s: np.ndarray) -> float:
 
 
 def modal_displacement(spec: PlantSpec, truth: np.ndarray) -> np.ndarray:
-    """Displacement at the struck point without that of the modes left out, a spring between the
+    """Displacement at the contact point without that of the modes left out, a spring between the
     present contact force and the actuator force of the step before. It takes no energy."""
     spring = series_residual_m_n(spec)
     if spring == 0.0:
