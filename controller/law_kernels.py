@@ -56,7 +56,7 @@ class LawState(NamedTuple):
 def first_state(record: np.ndarray, samples: int) -> LawState:
     """A law's state before the first of so many samples; `record`: its words at the start.
 
-    Samples to come are no number, so that the command of a law that reads one is none either.
+    Samples that are not yet taken are NaN. A law that reads one commands NaN, which ends the run.
     """
     numbers = np.zeros(LAW_NUMBERS)
     numbers[QUIET_ABOVE] = math.inf

@@ -27,7 +27,7 @@ BALANCE_SIZE = 5
 STEP, FLIGHT_STEP, NEWTON_TOTAL, NEWTON_MAX, CONTACT_STEPS, AWAKE, FALLBACKS = range(7)
 COUNTS_SIZE = 7
 
-# In flight a pole below this (m, m/s) is set to zero and left out: far below anything a double can
+# In flight a pole below this (m) is set to zero and left out: far below anything a double can
 # show, and it avoids denormal numbers, which are 50 times slower.
 SILENT_POLE = 1e-60
 PRUNE_EVERY = 64  # steps

@@ -144,7 +144,7 @@ def _yields(f: RunContext, x: float) -> str:
     if f.weaker is None or math.isnan(x):
         return (
             "whether the plate yields; its contact is elastic here. Give plate.material.yield_pa "
-            "or hardness_pa, or a material that has them, as steel_s235"
+            "or hardness_pa, or a material that has them, such as steel_s235"
         )
     body, strength = f.weaker
     words = (

@@ -19,8 +19,8 @@ from hertzloop.plant.structures.linear import MEAN, Linear, Poles, V, X, linear_
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
 
-# A mode that does not move the contact is scaled as if it did, by this share of what moves it most:
-# far below rounding.
+# A mode that does not move the contact is scaled as if it moved it by this share of the largest
+# shape there, which is far below rounding.
 _UNSEEN = 1e-30
 
 
