@@ -29,13 +29,14 @@ from benchmarks.synthetic_fits import (
     summary,
 )
 from benchmarks.synthetic_records import Spoilt, measured, truth
+from hertzloop.common.protocols import Point
 from hertzloop.fitting.fit.fit import fit
 from hertzloop.fitting.fit.free_keys import parse_free_key, start_value
 from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
 from hertzloop.fitting.fit.results import FitResult
 from hertzloop.fitting.fit.simulated_impact import MeasuringChain, ObservedSignal, observe
 from hertzloop.fitting.records.measurement import Measurement
-from hertzloop.plant.structures.modes import Modes, Point
+from hertzloop.plant.structures.modes import Modes
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.scene.setup import Setup
 

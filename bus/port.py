@@ -1,16 +1,16 @@
-"""The contract that the in-process and the zenoh port share, and the in-process port."""
+"""What all ports share: faults, publishing with numbers and counts; and the in-process port."""
 
 import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping
-from typing import Protocol
 
 import numpy as np
 from google.protobuf.message import Message
 
 from hertzloop.bus import codec, sequence_checker, streams
 from hertzloop.bus.messages_pb2 import ControllerReport, RunEnd, StreamCount
+from hertzloop.common.protocols import Port
 
 
 class BusError(RuntimeError):
@@ -42,32 +42,6 @@ _SAY_EVERY_S = 0.5
 def say_every_s(timeout_s: float) -> float:
     """Time in which everybody hears something of a run, where each waits `timeout_s` for that."""
     return min(_SAY_EVERY_S, timeout_s / 4)
-
-
-class Port(Protocol):
-    """One role's access to the bus. Delivery is in order and complete per stream.
-
-    `waited_s`: wall time that `receive` has waited for messages.
-    """
-
-    role: str
-    waited_s: float
-
-    def publish(self, envelope: streams.Envelope) -> None:
-        """Send to everyone who subscribed. Blocks when they cannot keep up."""
-
-    def receive(
-        self, timeout_s: float, awaited: str, senders: Collection[str] = ()
-    ) -> streams.Envelope:
-        """Next message for this role. Raises PeerLost after `timeout_s` seconds without one, and
-        soon after a role of the run has gone without a word. The sentence says what was `awaited`;
-        `roles` of the error are those of the `senders` that take part."""
-
-    def pending(self) -> bool:
-        """Whether `receive` would return at once."""
-
-    def close(self) -> None:
-        """Leave the bus."""
 
 
 def new_run_id() -> int:

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from hertzloop.common.protocols import Structure
 from hertzloop.common.uncompiled import plain
 from hertzloop.plant import state_kernels
 from hertzloop.plant.actuator import IDEAL, Actuator, mass_loaded
@@ -32,7 +33,7 @@ from hertzloop.plant.state_kernels import (
 )
 from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.structures.structure import ComparedByParts, Structure, oscillators
+from hertzloop.plant.structures.structure import ComparedByParts, oscillators
 
 
 @dataclass(frozen=True)

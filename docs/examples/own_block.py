@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hertzloop.common.protocols import Point, Structure
 from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.modes import Modes, Point
+from hertzloop.plant.structures.modes import Modes
 from hertzloop.plant.structures.registry import STRUCTURES, Description, Kind
-from hertzloop.plant.structures.structure import Structure
 
 # A scene has no keys for these.
 MASS_KG, STIFFNESS_N_M, DAMPING_RATIO = 0.05, 2e4, 0.05

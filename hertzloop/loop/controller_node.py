@@ -9,10 +9,11 @@ import numpy as np
 from hertzloop.bus import shared_memory
 from hertzloop.bus.codec import DecodedBlock
 from hertzloop.bus.messages_pb2 import ControllerReport, DaqBlock, ForceBlock, SharedMemoryAnswer
-from hertzloop.bus.port import BusError, PeerLost, Port, Publisher
+from hertzloop.bus.port import BusError, PeerLost, Publisher
 from hertzloop.bus.ring_kernels import Ring
 from hertzloop.bus.sequence_checker import SequenceChecker, compare_report
 from hertzloop.bus.streams import CONTROLLER, PLANT, Envelope, StreamFault
+from hertzloop.common.protocols import Port
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_digest

@@ -5,11 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hertzloop.bus.messages_pb2 import ForceBlock
-from hertzloop.bus.port import BusError, InProcessBus, InProcessPort, Port, Publisher, new_run_id
+from hertzloop.bus.port import BusError, InProcessBus, InProcessPort, Publisher, new_run_id
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, Envelope, StreamFault
 from hertzloop.closed_loop import loop
 from hertzloop.closed_loop.exchange import DIRECT, SAMPLES_FIRST
 from hertzloop.closed_loop.parts import controller_side, exchange, plant_side
+from hertzloop.common.protocols import Port
 from hertzloop.controller import law_kernels as laws
 from hertzloop.controller.controller import Controller
 from hertzloop.controller.kernels import EMITTED

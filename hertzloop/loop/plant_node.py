@@ -12,7 +12,6 @@ from hertzloop.bus.port import (
     BusError,
     EndedByOther,
     PeerLost,
-    Port,
     Publisher,
     new_run_id,
     say_every_s,
@@ -37,6 +36,7 @@ from hertzloop.closed_loop.exchange import (
     Status,
 )
 from hertzloop.closed_loop.parts import NO_CLOCK, elsewhere, exchange, plant_side
+from hertzloop.common.protocols import Port
 from hertzloop.common.uncompiled import plain
 from hertzloop.loop.paced import REST_S, Paced
 from hertzloop.loop.plant_exchange import (

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hertzloop.bus.sockets import own_folder
+from hertzloop.common.protocols import TrialImpact
 from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law import LawContext
 from hertzloop.controller.law_kernels import LAW_COUNTS, SAMPLES
@@ -28,7 +29,7 @@ from hertzloop.loop import answering
 from hertzloop.plant.contact.hertz import rigid_penetration_m
 from hertzloop.scene.controller import bound_law, law_context, loaded_law
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.quantities import SENSED, Trial
+from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.setup import Setup
 
 _SAMPLES = 400
@@ -117,7 +118,7 @@ def impact_samples(setup: Setup, about: LawContext) -> np.ndarray:
     deepest = rigid_penetration_m(about.sphere_mass_kg, about.stiffness, about.impact_speed_m_s)
     gap = np.where(away < 0, -away, np.maximum(away - contact, 0))
     return SENSED[setup.scene.sensors.quantity].trial(
-        Trial(
+        TrialImpact(
             gap_m=gap * about.impact_speed_m_s * about.sample_s - deepest * pulse,
             force_n=about.rigid_peak_n * pulse,
             velocity_m_s=-about.rigid_peak_n / about.impedance_n_s_m * pulse,

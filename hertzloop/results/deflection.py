@@ -139,7 +139,7 @@ def _grid_and_modes(
         if grid is None:
             return None
         return *grid[:2], _modes_of_file(spec, structure.mode_table, grid[2])
-    if structure.size_m is None:
+    if not structure.has_shapes:
         return None
     x, y = axes(setup.scene.plate.size_m or (1.0, 1.0), spec.contact_point_m, NODES)
     supported = structure.simply_supported is not None

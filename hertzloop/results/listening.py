@@ -9,9 +9,9 @@ import numpy as np
 import scipy
 
 from hertzloop.common.atomic_files import atomic_write
+from hertzloop.common.protocols import Structure
 from hertzloop.plant.metrics.noise import RADIATED_UP_TO_HZ
 from hertzloop.plant.metrics.sound import FADE_FROM, Excitation, Grid, Radiator, pressure_pa
-from hertzloop.plant.structures.structure import Structure
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.deflection import forces_on_plate
@@ -64,7 +64,7 @@ def _shapes_of(setup: Setup, omega_max: float) -> tuple[np.ndarray, np.ndarray, 
     structure = setup.plant.plate
     table = structure.mode_table
     if table is None:
-        if structure.size_m is None:
+        if not structure.has_shapes:
             raise SceneError(f"nothing can be heard of {structure}, which has no shapes on a grid")
         spacing_m = _half_wave_m(structure, omega_max) * 2.0 / _NODES_A_WAVE
         x, y = (_midpoints(length, spacing_m) for length in setup.scene.plate.size_m or (1.0, 1.0))

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
+from hertzloop.common.protocols import Point, Structure
 from hertzloop.plant.actuator import Actuator
 from hertzloop.plant.contact.hertz import (
     Contact,
@@ -18,10 +19,9 @@ from hertzloop.plant.contact.hertz import (
 from hertzloop.plant.contact.yielding import YieldPressure, softer
 from hertzloop.plant.estimates.criteria import contact_radius_m, mean_pressure_pa
 from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.modes import Point
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import STRUCTURES, Description, maker, structure
-from hertzloop.plant.structures.structure import ComparedByParts, Structure
+from hertzloop.plant.structures.structure import ComparedByParts
 from hertzloop.scene.attached_files import unpack_modes
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.materials import find_material

@@ -4,10 +4,11 @@ import math
 from dataclasses import replace
 from functools import lru_cache
 
+from hertzloop.common.protocols import Structure
 from hertzloop.plant.estimates.model_order import frequency_limit_hz
 from hertzloop.plant.plant import MOST_MODES, PlantSpec
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.plant.structures.structure import Structure, frequencies
+from hertzloop.plant.structures.structure import frequencies
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 

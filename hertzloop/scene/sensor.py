@@ -1,8 +1,9 @@
 """The data-acquisition channel of a run."""
 
+from hertzloop.common.protocols import ExpectedImpact
 from hertzloop.plant.contact.yielding import deepest_rigid_m
 from hertzloop.scene.mechanics import Mechanics
-from hertzloop.scene.quantities import SENSED, Expected
+from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.tables import SensorsTable
 from hertzloop.sensors.acquisition import Fault, SensorSpec
 
@@ -79,7 +80,7 @@ def _full_scale(
         flight_s = max(_HORIZONS * horizon_s, _LEAST_FLIGHT_S)
     force_n = rigid.peak_n
     return SENSED[table.quantity].range(
-        Expected(
+        ExpectedImpact(
             rigid_m=rigid.deepest_m,
             deepest_m=max(rigid.deepest_m, deepest_rigid_m(contact, 0.5 * m * v * v)),
             flight_m=v * flight_s,

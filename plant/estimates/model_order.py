@@ -8,9 +8,9 @@ import math
 
 import numpy as np
 
+from hertzloop.common.protocols import Structure
 from hertzloop.plant.contact.hertz import Contact, Sphere, rigid_impact
 from hertzloop.plant.plant import PlantSpec
-from hertzloop.plant.structures.structure import Structure
 
 # With the spring: 95 % of 103 random scenes (steel, aluminium, oak and Sylomer, radius 1 to 25 mm,
 # plates of 0.15 to 0.8 m and 1 to 13 mm, drops of 3 mm to 0.5 m) stay below this factor; the

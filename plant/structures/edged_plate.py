@@ -7,12 +7,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from hertzloop.common.protocols import Point, Structure
 from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.modes import Modes, Point
+from hertzloop.plant.structures.modes import Modes
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
 from hertzloop.plant.structures.ritz_modes import RitzModes, ritz_modes
-from hertzloop.plant.structures.structure import Structure
 
 _SIZES = (500, 1000, 2000)  # of Ritz's method, in modes; seconds on a plate without symmetry
 _SPARE = 1.5  # modes that are computed, over those asked for
@@ -30,6 +30,7 @@ class EdgedPlate(Structure):
 
     plate: Plate
     edges: str
+    has_shapes = True
     quality = MappingProxyType(
         {"most_modes": _SIZES[-1], "largest_frequency_error": _FREQUENCY_ERROR}
     )

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from hertzloop.common.protocols import Point, Structure
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.mode_file import ModeTable, read_modes
-from hertzloop.plant.structures.modes import NO_PARTICIPATION, Modes, Point
+from hertzloop.plant.structures.modes import NO_PARTICIPATION, Modes
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.structures.registry import Description
-from hertzloop.plant.structures.structure import Structure
 
 # The modes' mean mobility over an infinite plate's lies in between, near edges and on ribs too.
 _LEAST_MOBILITY, _MOST_MOBILITY = 1 / 30, 30.0

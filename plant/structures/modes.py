@@ -1,16 +1,9 @@
 """Modes of anything linear, and what forces at two points can move of them."""
 
-import math
-from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
 
 import numpy as np
 
-from hertzloop.plant.structures.mode_file import ModeTable
-
-Point = tuple[float, float]
 NO_PARTICIPATION = 1e-9  # of a shape's largest value
 _SAME_FREQUENCY = 1e-12  # relative; phase error of merging stays below rounding of the sums
 
@@ -30,56 +23,6 @@ class Modes:
     at_contact: np.ndarray
     at_actuator: np.ndarray
     silent_below: float = NO_PARTICIPATION
-
-
-class ModeSource(Protocol):
-    """Anything with modes, and the answers that hold for any set of modes; see
-    `hertzloop.plant.structures.structure`."""
-
-    @abstractmethod
-    def modes_below(self, frequency_hz: float) -> float:
-        """About how many modes there are up to a frequency."""
-
-    @abstractmethod
-    def modes(self, omega_max: float, contact_m: Point, actuator_m: Point) -> Modes:
-        """All modes up to `omega_max` rad/s."""
-
-    @abstractmethod
-    def residual_flexibility_m_n(self, omega_max: float, point_m: Point | None = None) -> float:
-        """Static flexibility of all modes above `omega_max`, m/N, at a point, or (None) about."""
-
-    def same_point(self, contact_m: Point, actuator_m: Point) -> bool:
-        """Whether the actuator pushes at the contact point."""
-        return contact_m == actuator_m
-
-    def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
-        """Shapes of all modes up to `omega_max` where a sensor is, (modes,)."""
-        return self.modes(omega_max, contact_m, sensor_m).at_actuator
-
-    def sensor_at(
-        self, contact_m: Point, actuator_m: Point, sensor_m: Point | None
-    ) -> Point | None:
-        """Where a sensor is that a scene puts at `sensor_m`; None: at the contact point."""
-        return None if sensor_m == contact_m else sensor_m
-
-    mode_table: ModeTable | None = None
-    """the modes that it was given as, which end; None where modes are computed"""
-    highest_hz: float = math.inf
-    """up to where its modes are known, Hz; inf without limit"""
-    seconds_per_mode: float = 1e-5
-    """about how much processor time it takes to compute a mode, s"""
-    quality: Mapping[str, Any] | None = None
-    """how good its modes are, by name; None of a closed form"""
-
-    @property
-    def struck_at_actuator(self) -> Self:
-        """The structure with the contact where the actuator is, if the points do not say that."""
-        return self
-
-    @property
-    def pushed_at_sensor(self) -> Self:
-        """The structure with the actuator where the sensor is, if the points do not say that."""
-        return self
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,15 +11,16 @@ from functools import cached_property
 import numpy as np
 
 from hertzloop.common.elementary_kernels import fill_sines
+from hertzloop.common.protocols import Structure
 from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.modes import Modes, ModeSource
+from hertzloop.plant.structures.modes import Modes
 from hertzloop.plant.structures.residual_kernels import flexibility
 
 _TAIL = 16.0  # modes left out are summed one by one up to this multiple of the limit
 
 
 @dataclass(frozen=True)
-class Plate(ModeSource):
+class Plate(Structure):
     """Rectangular plate, sizes in m; `loss_factor` replaces the material's if given."""
 
     material: Material
@@ -59,7 +60,7 @@ class Plate(ModeSource):
         along_x, along_y, speed = self._squared_wave_numbers(0.0)
         return float(speed * (along_y + along_x)[0]) / (2.0 * math.pi)
 
-    # Capabilities, see `hertzloop.plant.structures.structure`; that module imports this one.
+    has_shapes = True
 
     @property
     def local_plate(self) -> "Plate":

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
 
+from hertzloop.common.protocols import Structure
 from hertzloop.plant.structures.materials import Material
 from hertzloop.plant.structures.plate import Plate
-from hertzloop.plant.structures.structure import Structure
 
 
 @dataclass(frozen=True)

@@ -1,55 +1,13 @@
-"""A structure as the plant sees it: the modes of something linear, at two points."""
+"""A structure as the plant sees it: what forces at two points can move of its modes."""
 
 from dataclasses import fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from hertzloop.plant.structures.materials import Material
-from hertzloop.plant.structures.modes import ModeSource, Oscillators, Point, grouped
-from hertzloop.plant.structures.plate import Plate
-
-
-class Structure(ModeSource, Protocol):
-    """Anything linear that a sphere can fall on, and what it offers beyond its modes.
-
-    What we ship and what a user brings are the same to the plant. Points are in m from the
-    structure's corner. A class of one's own inherits from this one, and with it an answer to
-    whatever it does not offer: where a member has a body, that holds for any set of modes.
-    """
-
-    if TYPE_CHECKING:  # else a dataclass could not have a field of this name
-
-        @property
-        def material(self) -> Material:
-            """Material of the surface at the contact point."""
-
-    @property
-    def local_plate(self) -> Plate | None:
-        """The plate that a contact feels until reflections return; None if there is none."""
-        return None
-
-    @property
-    def size_m(self) -> tuple[float, float] | None:
-        """Length and width of the grid that `on_grid` can be asked for, m; None without shapes."""
-        return None
-
-    def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-        """Shapes of all modes up to `omega_max` on a grid, (modes, x, y). Raises ValueError where
-        `size_m` is None."""
-        raise ValueError(f"{self} has no shapes on a grid")
-
-    @property
-    def simply_supported(self) -> Plate | None:
-        """The simply supported plate that it is, whose modes are products of sines; None if it is
-        none. Radiation efficiencies are known of these only."""
-        return None
-
-    @property
-    def fundamental_hz(self) -> float | None:
-        """Frequency of its lowest mode, Hz, where that is known without its modes."""
-        return None
+from hertzloop.common.protocols import Point, Structure
+from hertzloop.plant.structures.modes import Oscillators, grouped
 
 
 class ComparedByParts:

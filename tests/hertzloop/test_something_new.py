@@ -88,7 +88,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hertzloop.plant.structures.structure import Structure
+from hertzloop.common.protocols import Structure
+
 
 @dataclass(frozen=True)
 class Own(Structure):
@@ -157,8 +158,8 @@ QUANTITY = """
 from tests.hertzloop.with_lines import with_line
 
 with_line(
-    "hertzloop.scene.quantities", '    "v_p": Sensed(',
-    '    "xi_p": Sensed("m", "sampled place of the plate", state_kernels.XI_P, '
+    "hertzloop.scene.quantities", '    "v_p": SensedQuantity(',
+    '    "xi_p": SensedQuantity("m", "sampled place of the plate", state_kernels.XI_P, '
     'lambda e: _either_way(e.rigid_m), lambda t: -0.1 * t.gap_m),\\n',
 )
 from pathlib import Path
