@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from hertzloop.common.changed_fields import changed_fields
 from hertzloop.controller.controller import SMOOTH_PATH_FIELDS, SignalPath
 from hertzloop.scene.controller_table import ControllerTable
@@ -17,15 +19,16 @@ def resolve_signal_path(
     def steps(time_us: float) -> int:
         return round(time_us * 1000 / step_ns)
 
-    least_us = min(table.latency_trace) if table.latency_trace else table.latency_us
-    least, stuck_s = steps(least_us), actuator.stuck_from_s
+    trace = np.rint(np.array(table.latency_trace or ()) * 1000 / step_ns).astype(int)
+    least = int(trace.min()) if trace.size else steps(table.latency_us)
+    stuck_s = actuator.stuck_from_s
     dead = steps(actuator.dead_time_us or 0.0)
     tick = every_steps / (1.0 + 1e-6 * table.clock_ppm)
     first_tick, drifts = table.clock_phase * tick, table.clock_ppm != 0.0
     if not drifts:  # every command waits for as long
         dead += math.floor(first_tick + 0.5)
     return SignalPath(
-        trace=tuple(steps(time_us) - least for time_us in table.latency_trace or ()),
+        trace=tuple((trace - least).tolist()),
         resampled=table.latency_trace_use == "resample",
         dead_steps=dead,
         stuck_step=None if stuck_s is None else steps(1e6 * stuck_s),
