@@ -37,7 +37,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     Returns:
         The compiled function.
     """
-    return compiled_function(function, inline=True, allocates=True)
+    return compiled_function(function, inline=True, allocates=True, checked=True)
 
 
 class LawError(ValueError):

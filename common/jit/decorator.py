@@ -16,6 +16,7 @@ def kernel(
     part: bool = False,
     copied: bool = False,
     allocates: bool = False,
+    checked: bool = False,
 ) -> Any:
     """Compile a function on its first call, as `@kernel` or `@kernel(...)`.
 
@@ -35,9 +36,17 @@ def kernel(
         allocates: it makes arrays, or returns one that it was given or a part of it. All others
             borrow the arrays of their caller without counting references, which takes 0.3 to 0.5 us
             a step.
+        checked: an index beyond the end of an array raises IndexError.
     """
     if function is None:
-        return partial(kernel, inline=inline, part=part, copied=copied, allocates=allocates)
+        return partial(
+            kernel,
+            inline=inline,
+            part=part,
+            copied=copied,
+            allocates=allocates,
+            checked=checked,
+        )
     if config.DISABLE_JIT:
         return function
     # Numba does not see that what a user's function takes from elsewhere has changed.
@@ -48,6 +57,7 @@ def kernel(
         "cache": ours and not part and has_room(),
         "no_cfunc_wrapper": True,
         "_nrt": allocates,
+        "boundscheck": checked,
     }
     if inline or part:
         options["forceinline"] = True

@@ -161,7 +161,7 @@ class CompiledLaw:
         for name in self._names:
             called = getattr(law.home, name)
             if not is_jitted(called):
-                called = kernel(called, inline=True, allocates=True)
+                called = kernel(called, inline=True, allocates=True, checked=True)
             module.__dict__[f"law_{name}"] = called
         # Numba looks for the module of what it loads by name.
         sys.modules[module.__name__] = module

@@ -183,9 +183,9 @@ def test_a_module_is_loaded_with_the_same_care(here, monkeypatch):
 LATE = {  # than the trial reaches
     "compiled": ("assert i != 3000, 'it is late'", "AssertionError: it is late"),
     "ahead": (
-        "if i == 3000: return samples[i + 1]",
-        "UnknownSample: samples[3001] is not known yet; at sample 3000 a law may read samples[0] "
-        "to samples[3000]",
+        "if i == 3000: return samples[i + 100_000_000]",  # far beyond the memory of the process
+        "UnknownSample: samples[100003000] is not known yet; at sample 3000 a law may read "
+        "samples[0] to samples[3000]",
     ),
     "exit": ("if i == 3000: import sys; sys.exit(0)", "SystemExit: 0"),  # as Python
 }
