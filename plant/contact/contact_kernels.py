@@ -44,6 +44,16 @@ class ContactModel(NamedTuple):
     residual_m_n: float
 
 
+class Unloading(NamedTuple):
+    """The Hertz curve down from the deepest penetration so far (m): its stiffness (N/m^1.5), the
+    dent where it ends (m), and what yielding took until then (J)."""
+
+    deepest: float
+    stiffness: float
+    dent: float
+    lost: float
+
+
 class GapPath(NamedTuple):
     """A gap over a step, t from 0 to 1: at both ends (m), its slopes there (m a step), its mean."""
 
@@ -69,55 +79,39 @@ def yield_line(contact, p):
     )
 
 
-@kernel(part=True)
-def recovered(contact, deepest):
-    """How far the contact springs back from a deepest penetration, m; down to its indentation."""
-    if deepest <= contact.yield_m:
-        return deepest
-    return yield_line(contact, deepest)[0] / (contact.stiffness * math.sqrt(deepest))
-
-
 @kernel(inline=True)
-def indentation(contact, deepest):
-    """Permanent indentation that a deepest penetration leaves, m."""
-    return deepest - recovered(contact, deepest)
-
-
-@kernel(inline=True)
-def yield_loss(contact, deepest):
-    """What yielding took until a deepest penetration, J."""
+def unloading(contact, deepest):
+    """The curve on which the contact comes back from a deepest penetration, m."""
     if deepest <= contact.yield_m:
-        return 0.0
+        return Unloading(deepest, contact.stiffness, 0.0, 0.0)
     force, _, work = yield_line(contact, deepest)
-    return work - 0.4 * force * recovered(contact, deepest)
+    back = force / (contact.stiffness * math.sqrt(deepest))
+    stiffness = force / (back * math.sqrt(back))
+    return Unloading(deepest, stiffness, deepest - back, work - 0.4 * force * back)
 
 
 @kernel(inline=True)
-def contact_law(contact, p, deepest):
+def contact_law(contact, p, curve):
     """Force without damping (N), its slope (N/m), and the work done on the contact (J) at a
-    penetration p, with the deepest one before it; what yielding took is part of the work."""
-    if p > deepest and p > contact.yield_m:
+    penetration p, with the curve from the deepest one before it; what yielding took is part of the
+    work."""
+    if p > curve.deepest and p > contact.yield_m:
         return yield_line(contact, p)
-    stiffness, at, lost = contact.stiffness, 0.0, 0.0
-    if deepest > contact.yield_m:
-        back = recovered(contact, deepest)
-        stiffness = yield_line(contact, deepest)[0] / (back * math.sqrt(back))
-        at, lost = deepest - back, yield_loss(contact, deepest)
-    above = p - at
+    above = p - curve.dent
     if above <= 0.0:
-        return 0.0, 0.0, lost
+        return 0.0, 0.0, curve.lost
     root = math.sqrt(above)
-    force = stiffness * above * root
-    return force, 1.5 * stiffness * root, lost + 0.4 * force * above
+    force = curve.stiffness * above * root
+    return force, 1.5 * curve.stiffness * root, curve.lost + 0.4 * force * above
 
 
 @kernel(inline=True)
-def in_series(contact, gap, deepest, guess):
+def in_series(contact, gap, curve, guess):
     """The law and the residual at a modal gap, from a force nearby (N): force F (N), dF/dp (N/m),
     work done on both (J), penetration p (m). Newton's method in a bracket."""
     residual = contact.residual_m_n
     p = -gap - residual * guess
-    force, slope, work = contact_law(contact, p, deepest)
+    force, slope, work = contact_law(contact, p, curve)
     low, high = -math.inf, math.inf
     done = False
     for _ in range(_HALVINGS):
@@ -135,7 +129,7 @@ def in_series(contact, gap, deepest, guess):
         if not (done or low < p - change < high):
             change = p - 0.5 * (low + high)
         p -= change
-        force, slope, work = contact_law(contact, p, deepest)
+        force, slope, work = contact_law(contact, p, curve)
     return force, slope, work + 0.5 * residual * force * force, p
 
 
@@ -226,7 +220,7 @@ def lowest(path):
 
 class Projection(NamedTuple):
     """The law along a gap, projected on linear functions: F_0 and F_1 (N), what damping takes (J),
-    the derivatives of F_0 and F_1 by both, and the deepest penetration so far (m)."""
+    the derivatives of F_0 and F_1 by both, and the curve from the deepest penetration so far."""
 
     f0: float
     f1: float
@@ -235,25 +229,26 @@ class Projection(NamedTuple):
     f0_1: float
     f1_0: float
     f1_1: float
-    deepest: float
+    back: Unloading
 
 
 @kernel(copied=True)
-def project(contact, free, by_0, by_1, guess_0, guess_1, deepest, step_s):
+def project(contact, free, by_0, by_1, guess_0, guess_1, curve, step_s):
     """Project the law along the gap that a force F_0, F_1 makes of the free one."""
     path = under(free, by_0, by_1, guess_0, guess_1)
-    reached = deepest
+    back = curve
     if contact.yield_m < math.inf:
-        reached = max(deepest, in_series(contact, lowest(path), deepest, guess_0)[3])
-    begin, end = touching_part(path, -indentation(contact, deepest))
+        reached = in_series(contact, lowest(path), curve, guess_0)[3]
+        if reached > curve.deepest:
+            back = unloading(contact, reached)
+    begin, end = touching_part(path, -curve.dent)
     f0 = f1 = lost = f0_0 = f0_1 = f1_0 = f1_1 = 0.0
     for i in range(_NODES):
         t, w = begin + (end - begin) * _T[i], (end - begin) * _W[i]
         gap, rate = quartic(path, t)
         # On the way down the contact goes on along its line, past the deepest point it comes back.
         guess = guess_0 + guess_1 * (2.0 * t - 1.0)
-        most = deepest if rate < 0.0 else reached
-        force, slope, _, _ = in_series(contact, gap, most, guess)
+        force, slope, _, _ = in_series(contact, gap, curve if rate < 0.0 else back, guess)
         share = 1.0 / (1.0 + contact.residual_m_n * slope)  # of the gap's rate in that of p
         damper = 0.0
         if force > 0.0:
@@ -272,17 +267,17 @@ def project(contact, free, by_0, by_1, guess_0, guess_1, deepest, step_s):
         f0_1 += change_1
         f1_0 += tilt * change_0
         f1_1 += tilt * change_1
-    return Projection(f0, f1, lost, f0_0, f0_1, f1_0, f1_1, reached)
+    return Projection(f0, f1, lost, f0_0, f0_1, f1_0, f1_1, back)
 
 
 @kernel(part=True)
-def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, step_s):
+def solve_contact(contact, free, by_0, by_1, before, curve, guess_0, guess_1, step_s):
     """Contact force F_0 + F_1 P of a step.
 
     Args:
         contact: the law.
         free: the gap without this force; `by_0`, `by_1`: its change by a unit F_0 and F_1.
-        before: work done on the contact so far, J; `deepest`: deepest penetration before, m.
+        before: work done on the contact so far, J; `curve`: from the deepest penetration before.
         guess_0, guess_1: F_0 and F_1 to begin with, N.
         step_s: length of the step.
 
@@ -293,10 +288,10 @@ def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, 
         energy too; its deepest penetration is that before the step.
     """
     f0, f1 = guess_0, guess_1
-    rounds, done, lost, reached = 0, False, 0.0, deepest
+    rounds, done, lost, back = 0, False, 0.0, curve
     while rounds < _NEWTON_MOST and not done:
         rounds += 1
-        found = project(contact, free, by_0, by_1, f0, f1, deepest, step_s)
+        found = project(contact, free, by_0, by_1, f0, f1, curve, step_s)
         a, b = 1.0 - found.f0_0, -found.f0_1
         c, d = -found.f1_0, 1.0 - found.f1_1
         det = a * d - b * c
@@ -308,17 +303,17 @@ def solve_contact(contact, free, by_0, by_1, before, deepest, guess_0, guess_1, 
         f0 -= change_0
         f1 -= change_1
         done = abs(change_0) + abs(change_1) <= _TIGHT * (abs(f0) + abs(f1))
-        lost, reached = found.lost, found.deepest
+        lost, back = found.lost, found.back
     if done:
-        f0, f1, done = _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, reached)
+        f0, f1, done = _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, back)
     if not done:
-        f0, lost = _solve_discrete_gradient(contact, free, by_0, before, deepest, step_s)
-        f1, reached = 0.0, deepest
-    return f0, f1, lost, reached, rounds, done
+        f0, lost = _solve_discrete_gradient(contact, free, by_0, before, curve, step_s)
+        f1, back = 0.0, curve
+    return f0, f1, lost, back.deepest, rounds, done
 
 
 @kernel(copied=True)
-def _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, reached):
+def _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, back):
     """Least change of F_0, F_1 that closes the energy of the step, and whether it was found.
 
     The projection alone misses it a little: the rate of the gap is no linear function of time, so
@@ -330,7 +325,7 @@ def _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, reached):
         end = free.end + by_0.end * f0 + by_1.end * f1
         mean = free.mean + by_0.mean * f0 + by_1.mean * f1
         way_0, way_1 = end - free.start, end + free.start - 2.0 * mean
-        force, _, after, _ = in_series(contact, end, reached, f0 + f1)
+        force, _, after, _ = in_series(contact, end, back, f0 + f1)
         wrong = f0 * way_0 + f1 * way_1 + (after - before) + lost
         size = abs(f0 * way_0) + abs(f1 * way_1) + after + before
         if abs(wrong) <= _ROUNDING * size or abs(wrong) >= last:
@@ -347,40 +342,39 @@ def _close_energy(contact, free, by_0, by_1, f0, f1, lost, before, reached):
 
 
 @kernel
-def _discrete_gradient(contact, start, end, before, deepest, step_s):
+def _discrete_gradient(contact, start, end, before, curve, step_s):
     """Discrete gradient between two modal gaps, F = (W_1 - W_0)/(gap_0 - gap_1) with damping: the
     constant force (N), and the damping alone."""
-    force, _, after, p = in_series(contact, end, deepest, 0.0)
-    begun, _, _, p_0 = in_series(contact, start, deepest, 0.0)
+    force, _, after, p = in_series(contact, end, curve, 0.0)
+    begun, _, _, p_0 = in_series(contact, start, curve, 0.0)
     if begun == 0.0 and force == 0.0:
         return 0.0, 0.0
     if end != start:
         force = (after - before) / (start - end)
-    dent = indentation(contact, deepest)
-    rate = (max(p - dent, 0.0) - max(p_0 - dent, 0.0)) / step_s
+    rate = (max(p - curve.dent, 0.0) - max(p_0 - curve.dent, 0.0)) / step_s
     damping = (contact.viscous_n_s_m + contact.hunt_crossley_s_m * max(force, 0.0)) * rate
     return force + damping, damping
 
 
 @kernel
-def _solve_discrete_gradient(contact, free, by_0, before, deepest, step_s):
+def _solve_discrete_gradient(contact, free, by_0, before, curve, step_s):
     """Constant force over the step by the discrete gradient, and what damping takes (J).
 
     A larger force leaves a larger gap at the end, which lowers the discrete gradient: the root lies
     between zero and the gradient to the end without force. Bisection always ends.
     """
-    reach = _discrete_gradient(contact, free.start, free.end, before, deepest, step_s)[0]
+    reach = _discrete_gradient(contact, free.start, free.end, before, curve, step_s)[0]
     low, high = min(0.0, reach), max(0.0, reach)
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         if middle == low or middle == high:
             break
         end = free.end + by_0.end * middle
-        if middle > _discrete_gradient(contact, free.start, end, before, deepest, step_s)[0]:
+        if middle > _discrete_gradient(contact, free.start, end, before, curve, step_s)[0]:
             high = middle
         else:
             low = middle
     f0 = 0.5 * (low + high)
     end = free.end + by_0.end * f0
-    damping = _discrete_gradient(contact, free.start, end, before, deepest, step_s)[1]
+    damping = _discrete_gradient(contact, free.start, end, before, curve, step_s)[1]
     return f0, -damping * (end - free.start)

@@ -211,11 +211,11 @@ def work_of(state, point, mean, f0, f1):
 def book_contact_at(model, state, gap, guess):
     """Write the work done on the contact and its deepest penetration at a modal gap. Returns its
     force F (N) and dF/dp (N/m), without damping; `guess`: a force nearby (N)."""
-    body, contact = state.body, model.contact
-    if gap >= -indentation_now(model, body):
+    body, curve = state.body, unloading_now(model, state.body)
+    if gap >= -curve.dent:
         guess = 0.0
     force, slope, body[CONTACT_WORK], p = contact_kernels.in_series(
-        contact, gap, body[DEEPEST], guess
+        model.contact, gap, curve, guess
     )
     deepen(model, state, p)
     return force, slope
@@ -226,13 +226,13 @@ def deepen(model, state, p):
     """Note a penetration (m), if none was deeper and the contact yields; book what that takes."""
     if p > model.contact.yield_m and p > state.body[DEEPEST]:
         state.body[DEEPEST] = p
-        state.balance[PLASTIC_DISSIPATED] = contact_kernels.yield_loss(model.contact, p)
+        state.balance[PLASTIC_DISSIPATED] = contact_kernels.unloading(model.contact, p).lost
 
 
 @kernel(part=True)
-def indentation_now(model, body):
-    """Permanent indentation so far, m."""
-    return contact_kernels.indentation(model.contact, body[DEEPEST])
+def unloading_now(model, body):
+    """The curve from the deepest penetration so far."""
+    return contact_kernels.unloading(model.contact, body[DEEPEST])
 
 
 @kernel(copied=True)
@@ -261,7 +261,7 @@ def touches(free, touch_m):
 
 
 @kernel(copied=True)
-def contact_force(model, state, free):
+def contact_force(model, state, free, curve):
     """Contact force of the step, F_0 and F_1 (N), and what damping takes (J)."""
     body, counts = state.body, state.counts
     # To begin with, no jump between steps.
@@ -272,7 +272,7 @@ def contact_force(model, state, free):
         model.by_0,
         model.by_1,
         body[CONTACT_WORK],
-        body[DEEPEST],
+        curve,
         body[F_C] + 2.0 * guess_1,
         guess_1,
         model.step_s,
@@ -340,13 +340,14 @@ def step(model, state, command):
 
     f_c = f_c1 = lost = unforced = 0.0
     height_0, sphere_v0, height, sphere_v = sphere
-    if touches(free, -indentation_now(model, body)):
+    curve = unloading_now(model, body)
+    if touches(free, -curve.dent):
         fall = model.gravity_m_s2 * model.step_s * model.step_s
         mean_gap = height_0 + 0.5 * model.step_s * sphere_v0 - fall / 6.0
         unforced = look(linear.see[CONTACT, MEAN], state.z, awake)
         mean_gap -= mean_under(linear, state, CONTACT, unforced) + 0.5 * (raised_0 + raised_1)
         free = GapPath(free.start, free.end, free.slope_0, free.slope_1, mean_gap)
-        f_c, f_c1, lost = contact_force(model, state, free)
+        f_c, f_c1, lost = contact_force(model, state, free, curve)
     if f_c != 0.0 or f_c1 != 0.0:
         push_structure(linear, state, CONTACT, -f_c, -f_c1)
         height, sphere_v = state_kernels.push_sphere(

@@ -12,8 +12,7 @@ from hertzloop.plant.contact.contact_kernels import (
     ContactModel,
     contact_law,
     in_series,
-    indentation,
-    yield_loss,
+    unloading,
 )
 from hertzloop.plant.contact.hertz import Contact as Description
 from hertzloop.plant.contact.hertz import Limit, hertz_stiffness
@@ -29,8 +28,14 @@ DEEPEST = np.array([1.0, 1.1, 3.0, 40.0]) * YIELDS.yield_m
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
+def law(contact: ContactModel, p: float, deepest: float) -> tuple[float, float, float]:
+    """Force, slope and work."""
+    found: tuple[float, float, float] = contact_law(contact, p, unloading(contact, deepest))
+    return found
+
+
 def force(contact: ContactModel, penetrations: np.ndarray, deepest: float) -> np.ndarray:
-    return np.array([contact_law(contact, p, deepest)[0] for p in penetrations])
+    return np.array([law(contact, p, deepest)[0] for p in penetrations])
 
 
 def work_j(contact: ContactModel, begin: float, end: float, deepest: float) -> float:
@@ -45,10 +50,11 @@ def test_an_elastic_contact_is_hertz():
     for deepest in (0.0, 1e-5):
         found = force(ELASTIC, p, deepest)
         assert found == pytest.approx(STIFFNESS * np.maximum(p, 0.0) ** 1.5, rel=1e-14)
-    _, slope, work = contact_law(ELASTIC, 3e-6, 0.0)
+    _, slope, work = law(ELASTIC, 3e-6, 0.0)
     assert slope == pytest.approx(1.5 * STIFFNESS * math.sqrt(3e-6), rel=1e-14)
     assert work == pytest.approx(0.4 * STIFFNESS * 3e-6**2.5, rel=1e-14)
-    assert indentation(ELASTIC, 1e-5) == yield_loss(ELASTIC, 1e-5) == 0.0
+    curve = unloading(ELASTIC, 1e-5)
+    assert curve.dent == curve.lost == 0.0
 
 
 def test_a_contact_that_yields_is_thorntons():
@@ -58,7 +64,7 @@ def test_a_contact_that_yields_is_thorntons():
     first = STIFFNESS * at_yield**1.5
     load = first + math.pi * PRESSURE * RADIUS * (deepest - at_yield)
     assert force(YIELDS, deepest, at_yield) == pytest.approx(load, rel=1e-12)
-    dents = np.array([indentation(YIELDS, d) for d in deepest])
+    dents = np.array([unloading(YIELDS, d).dent for d in deepest])
     flatter = RADIUS * STIFFNESS * deepest**1.5 / load
     area = (2.0 * load + first) / (2.0 * math.pi * PRESSURE)
     assert flatter * (deepest - dents) == pytest.approx(area, rel=1e-12)
@@ -72,29 +78,29 @@ def test_a_contact_that_yields_is_thorntons():
 @pytest.mark.parametrize("deepest", DEEPEST)
 def test_force_and_work_are_continuous_where_the_law_changes(deepest):
     """At the first yield with the slope; at the deepest penetration so far; at the dent."""
-    before, after = (contact_law(YIELDS, deepest * (1.0 + e), deepest) for e in (-1e-12, 1e-12))
+    before, after = (law(YIELDS, deepest * (1.0 + e), deepest) for e in (-1e-12, 1e-12))
     assert before[0] == pytest.approx(after[0], rel=1e-10)
     assert before[2] == pytest.approx(after[2], rel=1e-10)
     if deepest == YIELDS.yield_m:
         assert before[1] == pytest.approx(after[1], rel=1e-10)
-    left, lost = indentation(YIELDS, deepest), yield_loss(YIELDS, deepest)
-    assert contact_law(YIELDS, left - 1e-6, deepest) == (0.0, 0.0, lost)
-    value, _, work = contact_law(YIELDS, left + 1e-12, deepest)
+    _, _, left, lost = unloading(YIELDS, deepest)
+    assert law(YIELDS, left - 1e-6, deepest) == (0.0, 0.0, lost)
+    value, _, work = law(YIELDS, left + 1e-12, deepest)
     assert 0.0 < value < 1e-6 * before[0]
     assert work == pytest.approx(lost, rel=1e-12, abs=1e-15 * before[2])
 
 
 @pytest.mark.parametrize("deepest", DEEPEST)
 def test_work_is_the_integral_of_the_force(deepest):
-    left, at_yield = indentation(YIELDS, deepest), YIELDS.yield_m
+    _, _, left, lost = unloading(YIELDS, deepest)
+    at_yield = YIELDS.yield_m
     in_and_down = work_j(YIELDS, 0.0, at_yield, at_yield)
     in_and_down += work_j(YIELDS, at_yield, deepest, at_yield)
-    deep, back = contact_law(YIELDS, deepest, at_yield)[2], work_j(YIELDS, left, deepest, deepest)
+    deep, back = law(YIELDS, deepest, at_yield)[2], work_j(YIELDS, left, deepest, deepest)
     assert deep == pytest.approx(in_and_down, rel=1e-10)
-    assert yield_loss(YIELDS, deepest) == pytest.approx(deep - back, abs=1e-10 * deep)
+    assert lost == pytest.approx(deep - back, abs=1e-10 * deep)
     half = 0.5 * (left + deepest)
-    _, slope, work = contact_law(YIELDS, half, deepest)
-    lost = yield_loss(YIELDS, deepest)
+    _, slope, work = law(YIELDS, half, deepest)
     assert work == pytest.approx(lost + work_j(YIELDS, left, half, deepest), rel=1e-10)
     ends = force(YIELDS, half * np.array([1.0 - 1e-5, 1.0 + 1e-5]), deepest)
     assert slope == pytest.approx(np.diff(ends)[0] / (2e-5 * half), rel=1e-8)
@@ -111,9 +117,9 @@ def test_a_spring_in_series_takes_its_share(gap, flexibility, dented, nearby):
     """The force at a modal gap, from any force nearby; the work is done on both."""
     contact = YIELDS._replace(residual_m_n=flexibility)
     deepest = YIELDS.yield_m * max(1.0, dented)
-    exact = contact_law(contact, gap, deepest)[0]
-    value, slope, work, p = in_series(contact, -gap, deepest, nearby * exact)
+    exact = law(contact, gap, deepest)[0]
+    value, slope, work, p = in_series(contact, -gap, unloading(contact, deepest), nearby * exact)
     assert p + flexibility * value == pytest.approx(gap, rel=1e-12)
-    own, own_slope, own_work = contact_law(contact, p, deepest)
+    own, own_slope, own_work = law(contact, p, deepest)
     assert (value, slope) == pytest.approx((own, own_slope), rel=1e-9)
     assert work == pytest.approx(own_work + 0.5 * flexibility * value**2, rel=1e-9)
