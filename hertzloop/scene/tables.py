@@ -45,10 +45,13 @@ class SceneTable(BaseModel):
         return self.model_copy(update=values)
 
     def __hash__(self) -> int:
-        """Kept: what many scenes share is looked up by its tables again and again."""
+        """Kept: what many scenes share is looked up by its tables again and again. Numbers among
+        the keys of a law count, else all values of a sweep would be one for a lookup."""
         found: int | None = getattr(self, "_hash", None)
         if found is None:
-            found = hash((type(self), *vars(self).values()))
+            of_law = (self.__pydantic_extra__ or {}).values()
+            numbers = (value for value in of_law if isinstance(value, int | float))
+            found = hash((type(self), *vars(self).values(), *numbers))
             object.__setattr__(self, "_hash", found)
         return found
 
