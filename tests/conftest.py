@@ -65,28 +65,19 @@ def pytest_configure(config: pytest.Config) -> None:
             )
 
 
-# What many tests run, in two shares that take the same time. What both would compile, the metrics
-# of an impact, comes last in the second: the first has done it by then.
+# What many tests run, in two shares that take about the same time.
 _COMPILE = (
     """
 ensure_compiled(load(DEFAULT, ["contact.plasticity=none"]))
 """,
     """
-infinite = load(DEFAULT, ["run.plate_model=infinite", "run.duration_s=0.0015"])
-with TemporaryDirectory() as folder:
-    for compiled in (False, True):
-        record_in_process(infinite, Path(folder, f"{compiled}.mcap"), compiled=compiled)
 yields = ["contact.plasticity=thornton", "actuator.bandwidth_hz=20000"]
 simulate(load(DEFAULT, [*yields, "run.duration_s=0.0001"]))
-ensure_compiled(infinite)
+ensure_compiled(load(DEFAULT, ["run.plate_model=infinite", "run.duration_s=0.0015"]))
 """,
 )
 _IMPORTS = """
-from pathlib import Path
-from tempfile import TemporaryDirectory
-
 from hertzloop.__main__ import collect_rarely
-from hertzloop.loop.in_process import record_in_process
 from hertzloop.loop.simulate import simulate
 from hertzloop.warmup import ensure_compiled
 from hertzloop.scene.loading import DEFAULT
@@ -163,10 +154,12 @@ def shipped_scenes(monkeypatch):
 @pytest.fixture(scope="session")
 def warm_kernels():
     """Compiled kernels, for tests whose processes must not spend their time on compiling."""
+    from hertzloop.scene.setup import load
     from hertzloop.warmup import ensure_compiled
 
     with _alone(".tests"):
-        ensure_compiled()
+        models = ("modal", "infinite")
+        ensure_compiled(*(load(loading.DEFAULT, [f"run.plate_model={one}"]) for one in models))
 
 
 @pytest.fixture(scope="session")

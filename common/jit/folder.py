@@ -60,41 +60,29 @@ _PYTHON = f"{sys.implementation.cache_tag} {platform.system()} {platform.machine
 _ROOT = Path(__file__).absolute().parents[3].resolve()
 _ROOM = 64_000_000  # bytes: some times what is compiled for all scenes
 _swapping = Lock()
-_CHOSEN = "HERTZLOOP_CACHE"  # tells children a place other than the usual one
-
-
-class UnsafeFolder(Exception):
-    """Somebody else could have written into a folder; the message says why and the remedy."""
 
 
 @cache
 def cache_folder() -> Path:
-    """Folder of the compiled kernels, of mode 700, in the first safe and writable place.
+    """Folder of the compiled kernels, of mode 700, in NUMBA_CACHE_DIR or ~/.cache/hertzloop.
 
-    That is NUMBA_CACHE_DIR, if set, then ~/.cache/hertzloop, a folder of this user among the
-    temporary ones, and at last one that lives as long as this process.
+    Where nothing can be written there, or others could write there, it lies in a folder that lives
+    as long as this process.
     """
     # Numba tells checkouts apart by their path, and so does the name.
     name = f"{code_digest()}-{hashlib.sha256(bytes(_ROOT)).hexdigest()[:8]}"
-    refused = []
-    for base in _places():
-        try:
-            make_private(base)
-            make_private(base / name)
-            break
-        except UnsafeFolder as error:
-            refused.append(str(error))
-        except OSError:  # it cannot be written
-            continue
-    else:
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    try:
+        base = Path(given).absolute() if given else Path.home() / ".cache" / "hertzloop"
+        _make_private(base)
+        _make_private(base / name)
+    except (OSError, RuntimeError) as error:  # a user without a home
         base = _temporary()
-        make_private(base / name)
-    if base != next(_places()):
-        os.environ[_CHOSEN] = str(base)
+        _make_private(base / name)
+        os.environ["NUMBA_CACHE_DIR"] = str(base)  # for children
+        where = f"hertzloop: compiled kernels are kept in {base}, while this command runs"
+        print(f"{where}: {error}. Name another folder by NUMBA_CACHE_DIR.", file=sys.stderr)
     shipped.unpack(code_digest(), base / name)
-    if refused:
-        message = f"hertzloop: compiled kernels are kept in {base}, since {'; '.join(refused)}"
-        print(message, file=sys.stderr)
     return base / name
 
 
@@ -141,44 +129,27 @@ def types_digest(*values: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def make_private(folder: Path) -> None:
-    """Make a folder that only this user can write to, of mode 700, unless it is there.
-
-    Raises:
-        UnsafeFolder: others can write to it, or it belongs to somebody else.
-        OSError: it cannot be made or written.
-    """
+def _make_private(folder: Path) -> None:
+    """Make a folder that only this user can write to, of mode 700, unless it is there. Raises
+    OSError, also for a link or the folder of somebody else."""
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     found = folder.lstat()
-    if stat.S_ISLNK(found.st_mode):
-        raise UnsafeFolder(f"{folder} is a symbolic link; remove it")
-    if found.st_uid != os.getuid():
-        raise UnsafeFolder(
-            f"{folder} belongs to user {found.st_uid}, not to {os.getuid()}; remove it"
-        )
-    if found.st_mode & 0o022:
-        raise UnsafeFolder(
-            f"{folder} is open to other users (mode {stat.S_IMODE(found.st_mode):o}); "
-            "remove it, or chmod 700 if you trust what is in it"
-        )
+    if stat.S_ISLNK(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise PermissionError(f"{folder} is not a folder that only this user can write to")
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise PermissionError(str(folder))
+        raise PermissionError(f"{folder} cannot be written")
 
 
 @cache
 def code_digest() -> str:
     """16 hex digits that change with any source of kernels, and with what compiles them."""
     digest = hashlib.sha256()
-    for what in (_PYTHON, numba.__version__, llvmlite.__version__, code_settings()):
+    settings = [getattr(config, name, None) for name in _CODE_SETTINGS]
+    for what in (_PYTHON, numba.__version__, llvmlite.__version__, repr(settings)):
         digest.update(what.encode() + b"\0")
     for name, text in sorted(kernel_sources().items()):
         digest.update(name.encode() + b"\0" + hashlib.sha256(text).digest())
     return digest.hexdigest()[:16]
-
-
-def code_settings() -> str:
-    """Numba's settings that change the code it makes, with their values."""
-    return " ".join(f"{name}={getattr(config, name, None)!r}" for name in _CODE_SETTINGS)
 
 
 def kernel_sources() -> dict[str, bytes]:
@@ -197,16 +168,6 @@ def kernel_sources() -> dict[str, bytes]:
                 if (b"numba" in text or b"jit" in text) and _HOLDS_KERNELS.search(text):
                     found[os.path.relpath(path, _ROOT)] = text
     return found
-
-
-def _places() -> Iterator[Path]:
-    """Folders to keep kernels in, the best first."""
-    for name in (_CHOSEN, "NUMBA_CACHE_DIR"):
-        if given := os.environ.get(name):
-            yield Path(given).absolute()
-    with suppress(RuntimeError):  # a user without a home
-        yield Path.home() / ".cache" / "hertzloop"
-    yield Path(tempfile.gettempdir()) / f"hertzloop-{os.getuid()}"
 
 
 def _temporary() -> Path:

@@ -9,8 +9,7 @@ from numba.core import event
 
 @contextmanager
 def report_functions(tell: Callable[[str], None]) -> Iterator[None]:
-    """Call `tell` after every function that this process has compiled, with its name in words;
-    that of a part of Numba is empty."""
+    """Call `tell` after every function of hertzloop that is compiled, with its name in words."""
     with event.install_listener("numba:compile", _Names(tell)):
         yield
 
@@ -24,5 +23,5 @@ class _Names(event.Listener):
 
     def on_end(self, event: Any) -> None:
         function = event.data["dispatcher"].py_func
-        ours = function.__module__.startswith("hertzloop.") and "<" not in function.__qualname__
-        self._tell(function.__name__.strip("_").replace("_", " ") if ours else "")
+        if function.__module__.startswith("hertzloop.") and "<" not in function.__qualname__:
+            self._tell(function.__name__.strip("_").replace("_", " "))

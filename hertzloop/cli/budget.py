@@ -34,7 +34,6 @@ from hertzloop.studies.margin.sentences import margin_lines
 from hertzloop.studies.pages.words import run_command
 from hertzloop.views.format import Table, unwrapped
 from hertzloop.views.verdict import spans_differ
-from hertzloop.warmup import CASES
 
 
 @options_of(BudgetRequest)
@@ -78,7 +77,7 @@ def budget(
     setup = prepare.scene_from(scene, changes, seed)
     plan = plan_budget(setup, options)
     outputs.check_writable(Path())  # for unfinished work
-    prepare.compile_first(setup, works=CASES)
+    prepare.compile_first(setup)
     began_s = time.perf_counter()
     with (
         resumable(Path(), "budget", plan.identity) as finished,
@@ -323,7 +322,7 @@ def check_requirements(path: Path, workers: int | None, json_file: Path | None) 
     for setup in {setup.scene.controller.law: setup for setup in setups}.values():
         prepare.check_law(setup)
     differing = {(s.scene.name, s.scene.controller.law): s for s in setups}
-    prepare.compile_first(*differing.values(), works=CASES)
+    prepare.compile_first(*differing.values())
     results = []
     with (
         if_interrupted(),

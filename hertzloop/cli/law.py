@@ -31,7 +31,6 @@ from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.loading import parse_setting
 from hertzloop.views.format import Table
-from hertzloop.warmup import Work
 
 if TYPE_CHECKING:
     from hertzloop.studies.law_replay import ForceComparison
@@ -191,7 +190,7 @@ def controller_test(
     check_command(controller)
     name = name_on_bus(controller, options.name)
     cases = cases_of(law, settings or [])
-    prepare.compile_first(*(case.setup for case in cases), works=[Work.EXCHANGE])
+    prepare.compile_first(*(case.setup for case in cases))
     recordings: list[Recording] = []
     for case in cases:
         try:

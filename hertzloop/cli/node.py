@@ -34,7 +34,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.loading import DEFAULT
-from hertzloop.warmup import CASES, Work, anything_compiled
+from hertzloop.warmup import anything_compiled
 
 # Endpoints of the protocols that zenoh has here.
 _ENDPOINT = re.compile(
@@ -61,7 +61,7 @@ def plant(
     prepare.check_pace(setup, options)
     if options.repeat:
         repeat_or_fail(read(options.repeat), setup)
-    prepare.compile_first(setup, works=[Work.EXCHANGE])
+    prepare.compile_first(setup)
     begin = lambda: _begin(PLANT, f"{setup.scene.name}, {_duration(setup.run.duration_s)}")  # noqa: E731
     with _on_bus(PLANT, asked) as address:
         stats = roles.run_plant(setup, address, options, begin)
@@ -136,7 +136,7 @@ def _print_recorded(path: Path) -> None:
     out.say(f"Complete: {_duration(truth.samples * truth.step_ns * 1e-9)} in {path}.")
     try:
         setup = setup_of(recording)
-        prepare.compile_first(setup, works=CASES)
+        prepare.compile_first(setup)
         found = inspected(recording, against_none=True, setup=setup)
         verdict = verdict_sentences(found.assessment) if found.assessment else found.problems
     except (RecordingError, SceneError) as error:

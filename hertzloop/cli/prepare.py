@@ -1,7 +1,7 @@
 """What a command does before it runs a scene: resolve it, try its law, compile its kernels."""
 
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -16,7 +16,7 @@ from hertzloop.scene.loading import load as load_scene
 from hertzloop.scene.loading import parse_setting
 from hertzloop.scene.plate_model import WARN_ABOVE_S, build_time_s
 from hertzloop.scene.setup import Setup, resolve
-from hertzloop.warmup import RUN, Work, anything_compiled, ensure_compiled, not_compiled
+from hertzloop.warmup import anything_compiled, ensure_compiled, not_compiled
 
 _MODEL = "the model: about 25 s"
 
@@ -88,18 +88,17 @@ def check_pace(setup: Setup, options: RunOptions) -> None:
     paced.check_pace(setup, options.pace, options.timeout_s)
 
 
-def compile_first(*scenes: Setup, works: Collection[Work] = RUN) -> None:
-    """Compile the kernels that scenes run for some works, unless they are in the cache; show how
-    far that is.
+def compile_first(*scenes: Setup) -> None:
+    """Compile the kernels that scenes run, unless they are in the cache; show how far that is.
 
     Raises:
         SceneError: A scene cannot be built.
     """
-    if not not_compiled(*scenes, works=works):
+    if not not_compiled(*scenes):
         return
     what = _MODEL
     if anything_compiled():
-        what = "for this kind of scene or command: about 25 s"
+        what = "for this kind of scene: about 25 s"
     announce_compilation(what)
 
     def end(_: int) -> None:
@@ -111,7 +110,6 @@ def compile_first(*scenes: Setup, works: Collection[Work] = RUN) -> None:
     with progress("Compiling", 100) as advance, ending_signals(end):
         ensure_compiled(
             *scenes,
-            works=works,
             on_progress=lambda share, what: advance(round(100 * share), f"Compiling {what}"),
         )
 

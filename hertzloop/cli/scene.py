@@ -17,7 +17,6 @@ from hertzloop.scene.loading import DEFAULT, shipped, shipped_text
 from hertzloop.scene.scene import possible_name
 from hertzloop.scene.setup import load
 from hertzloop.views.format import Table, print_all, unwrapped
-from hertzloop.warmup import CASES
 
 
 def list_scenes() -> None:
@@ -97,7 +96,7 @@ def check(
     """
     resolved = prepare.scene_from(scene, settings, seed)
     outputs.check_json(json_file)
-    prepare.compile_first(resolved, works=CASES)
+    prepare.compile_first(resolved)
 
     # 0.07 s, which the other commands save.
     from hertzloop.results.effects import neglected_of_scene

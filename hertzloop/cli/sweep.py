@@ -41,7 +41,6 @@ from hertzloop.studies.sweep.request import SweepRequest
 from hertzloop.studies.sweep.result import SweepResult, counted, extremes
 from hertzloop.views.format import Table, unwrapped
 from hertzloop.views.verdict import spans_differ
-from hertzloop.warmup import CASES
 
 _CONTACTS = 60.0  # contact times in which an impact is over
 _MOST_ROWS = 20  # of a table
@@ -93,7 +92,7 @@ def sweep(
     of_results = (target.with_name(target.name + end) for end in (".json", ".partial"))
     outputs.check_json(json_file, target, picture, *of_results)
     if finished is None:
-        prepare.compile_first(setup, works=CASES)
+        prepare.compile_first(setup)
         results = _run(plan, target)
     else:
         results = finished

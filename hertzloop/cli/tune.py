@@ -24,7 +24,6 @@ from hertzloop.studies.tune.plan import TunePlan, plan_tune
 from hertzloop.studies.tune.request import TuneRequest
 from hertzloop.studies.tune.result import Candidate, TuneResult
 from hertzloop.views.format import Table, unwrapped
-from hertzloop.warmup import CASES
 
 _MOST_ROWS = 15
 _PARTS = ("mean", "least", "most")  # of a spread over touch phases
@@ -64,7 +63,7 @@ def tune(
     bases = [prepare.scene_from(name, arguments.settings, seed) for name in arguments.scenes]
     plan = plan_tune(bases, options, prepare.check_law)
     outputs.make_folder(folder or Path())  # for what is unfinished, too
-    prepare.compile_first(*bases, works=CASES)
+    prepare.compile_first(*bases)
     with resumable(folder or Path(), arguments.file_name(plan), plan.identity) as finished:
         result = _search(plan, finished)
         if result.front:

@@ -27,7 +27,6 @@ from hertzloop.fitting.fit.results import FitResult, ModelVerdict
 from hertzloop.fitting.records.reading import holds_records, input_files, read_records
 from hertzloop.fitting.records.record import Record
 from hertzloop.scene.setup import Setup
-from hertzloop.warmup import Work
 
 _OF_FIT = ("--exact", "--hold-out", "--out", "--picture")
 _OF_SCENE = ("--expect", "--json", "--set")
@@ -176,7 +175,7 @@ def fit(
     compared = [one for path in held for one in read_records(path)]
     for one in (*measured, *compared):
         out.say(f"{one.name}: {one.source}.")
-    prepare.compile_first(setup, works=[Work.RESULTS])
+    prepare.compile_first(setup)
     measured += _expected_records(setup, expect or [], keys)
     if not measured:
         remedy = "RECORD, or --expect" if check else "RECORD"

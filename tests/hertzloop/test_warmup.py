@@ -29,25 +29,21 @@ def ran(tmp_path, monkeypatch):
     """The scenes that were run to compile their kernels, from an empty folder on."""
     found: list[Setup] = []
     monkeypatch.setattr(warmup, "cache_folder", lambda: tmp_path)
-    runs = dict.fromkeys(warmup.Work, lambda scene, folder: found.append(scene))
-    monkeypatch.setattr(warmup, "_RUN", runs)
-    monkeypatch.setattr(warmup, "_compile_at_once", lambda *of: of[-1](0.5, "all of it"))
+    monkeypatch.setattr(warmup, "_run_all", found.append)
     return found
 
 
 def test_a_scheme_is_compiled_once_for_all_plants(ran):
-    told: list[float] = []
     assert not warmup.anything_compiled()
     for settings in SCHEMES.values():
         scene = aluminium_3mm(*COARSE, *settings)
-        assert warmup.not_compiled(scene) == set(warmup.RUN)
-        warmup.ensure_compiled(scene, on_progress=lambda share, what: told.append(share))
+        assert list(warmup.not_compiled(scene, scene).values()) == [scene]
+        warmup.ensure_compiled(scene)
         assert not warmup.not_compiled(scene)
-    assert told == [0.5] * len(SCHEMES)
     assert warmup.anything_compiled()
     for more in PLANTS:
         assert not warmup.not_compiled(aluminium_3mm(*COARSE, *more))
-    assert [one.scene.controller.law for one in ran] == ["off"] * len(SCHEMES) * len(warmup.RUN)
+    assert [one.scene.controller.law for one in ran] == ["off"] * len(SCHEMES)
     assert all(one.run.duration_s < 0.0025 for one in ran)
 
 
@@ -59,7 +55,7 @@ def test_each_compilation_says_what_is_compiled(ran, monkeypatch):
     prepare.compile_first(aluminium_3mm(*COARSE, *SCHEMES["published"]))
     assert [words.split(":")[0] for words in told] == [
         "the model",
-        "for this kind of scene or command",
+        "for this kind of scene",
     ]
 
 

@@ -23,25 +23,35 @@ def where(environment: dict[str, str], script: str = WHERE) -> tuple[Path, str]:
     return Path(done.stdout.strip()).parent, done.stderr
 
 
+def usual(environment: dict[str, str]) -> Path:
+    return Path(environment["HOME"]) / ".cache" / "hertzloop"
+
+
+def gone_with_the_process(folder: Path, said: str, environment: dict[str, str]) -> bool:
+    """Whether a folder was a private one, gone with the process, which said so."""
+    assert f"kept in {folder.parent}, while this command runs: " in said
+    return folder.parent.parent == Path(environment["TMPDIR"]) and not folder.parent.exists()
+
+
 @pytest.fixture
-def homeless(tmp_path):
-    """HOME cannot hold a folder; temporary files have a folder of this test."""
-    (tmp_path / "home").touch()
-    (tmp_path / "tmp").mkdir(mode=0o700)
-    (tmp_path / "tmp").chmod(0o1777)
+def at_home(tmp_path):
+    for name in ("home", "tmp"):
+        (tmp_path / name).mkdir(mode=0o700)
     return {"HOME": str(tmp_path / "home"), "TMPDIR": str(tmp_path / "tmp")}
 
 
-def predictable(environment: dict[str, str]) -> Path:
-    return Path(environment["TMPDIR"]) / f"hertzloop-{os.getuid()}"
-
-
-def test_without_a_home_a_folder_of_this_user_alone(homeless):
-    folder, said = where(homeless)
-    assert folder.parent == predictable(homeless)
+def test_the_usual_folder_is_this_user_s_alone(at_home):
+    folder, said = where(at_home)
+    assert folder.parent == usual(at_home)
     assert [path.stat().st_mode & 0o7777 for path in (folder.parent, folder)] == [0o700, 0o700]
-    assert where(homeless) == (folder, "")
+    assert where(at_home) == (folder, "")
     assert not said
+
+
+def test_without_a_home_a_folder_for_this_process(at_home):
+    Path(at_home["HOME"]).rmdir()
+    Path(at_home["HOME"]).touch()
+    assert gone_with_the_process(*where(at_home), at_home)
 
 
 def plant_open(folder: Path) -> None:
@@ -62,38 +72,19 @@ def plant_foreign(folder: Path) -> None:
     os.chown(folder, 4321, 4321)
 
 
-PLANTED = {
-    "is open to other users": plant_open,
-    "is a symbolic link": plant_link,
-    "belongs to user 4321": plant_foreign,
-}
+PLANTED = [plant_open, plant_link, plant_foreign]
 
 
-@pytest.mark.parametrize("why", PLANTED)
-def test_a_planted_folder_is_not_used(homeless, why):
-    PLANTED[why](predictable(homeless))
-    folder, said = where(homeless)
-    assert why in said
-    assert folder.parent != predictable(homeless)
-    assert not list(predictable(homeless).iterdir())
-    # A private one, gone with the process.
-    assert folder.parent.parent == Path(homeless["TMPDIR"])
-    assert not folder.parent.exists()
-
-
-@pytest.mark.parametrize("usual", [True, False])
-def test_the_usual_places_are_checked_alike(tmp_path, usual):
-    why = "is open to other users"
-    environment = {"HOME": str(tmp_path), "TMPDIR": str(tmp_path)}
-    place = tmp_path / ".cache" / "hertzloop" if usual else tmp_path / "given"
+@pytest.mark.parametrize("given", [False, True])
+@pytest.mark.parametrize("plant", PLANTED)
+def test_a_planted_folder_is_not_used(at_home, plant, given):
+    place = Path(at_home["HOME"]) / "given" if given else usual(at_home)
     place.parent.mkdir(mode=0o700, exist_ok=True)
-    PLANTED[why](place)
-    if not usual:
-        environment["NUMBA_CACHE_DIR"] = str(place)
-    folder, said = where(environment)
-    assert f"{place} {why}" in said
+    plant(place)
+    folder, said = where(at_home | ({"NUMBA_CACHE_DIR": str(place)} if given else {}))
+    assert f"{place} is not a folder that only this user can write to" in said
     assert not list(place.iterdir())
-    assert folder.parent != place
+    assert gone_with_the_process(folder, said, at_home)
 
 
 CHANGE_CODE = {"NUMBA_OPT": "1", "NUMBA_SLP_VECTORIZE": "1", "NUMBA_BOUNDSCHECK": "1"}
@@ -102,10 +93,10 @@ CHANGE_CODE = {"NUMBA_OPT": "1", "NUMBA_SLP_VECTORIZE": "1", "NUMBA_BOUNDSCHECK"
 @pytest.mark.full
 def test_settings_of_numba_that_change_the_code_have_a_folder_each(tmp_path):
     home = {"HOME": str(tmp_path)}
-    usual = where(home)[0]
+    plain = where(home)[0]
     folders = [where(home | {name: value})[0] for name, value in CHANGE_CODE.items()]
-    assert len({usual, *folders}) == 1 + len(folders)
-    assert where(home | {"NUMBA_NUM_THREADS": "1", "NUMBA_FULL_TRACEBACKS": "1"})[0] == usual
+    assert len({plain, *folders}) == 1 + len(folders)
+    assert where(home | {"NUMBA_NUM_THREADS": "1", "NUMBA_FULL_TRACEBACKS": "1"})[0] == plain
 
 
 ATTACKED = """
@@ -127,21 +118,21 @@ class Evil:
 
 
 @pytest.mark.full
-def test_a_planted_pickle_does_not_run(homeless, tmp_path):
+def test_a_planted_pickle_does_not_run(at_home, tmp_path):
     """The attack itself: a cache that anybody could have put there, under the right names."""
-    folder, _ = where(homeless, ATTACKED)
+    folder, _ = where(at_home, ATTACKED)
     indices = list(folder.rglob("*.nbi"))
     assert indices
     for index in indices:
         index.write_bytes(pickle.dumps(numba.__version__) + pickle.dumps(Evil(tmp_path / "trace")))
-    predictable(homeless).chmod(0o777)
-    _, said = where(homeless, ATTACKED)
+    usual(at_home).chmod(0o777)
+    _, said = where(at_home, ATTACKED)
     assert not (tmp_path / "trace").exists()
-    assert "is open to other users" in said
+    assert "is not a folder that only this user can write to" in said
     # It would have run from a folder that counts as safe: the attack is one.
-    predictable(homeless).chmod(0o700)
+    usual(at_home).chmod(0o700)
     with pytest.raises(AssertionError):
-        where(homeless, ATTACKED)
+        where(at_home, ATTACKED)
     assert (tmp_path / "trace").exists()
 
 

@@ -40,7 +40,6 @@ def run(script: str, folder: Path, **more: str) -> str:
     own = {
         "PYTHONPATH": str(folder),
         "NUMBA_CACHE_DIR": str(folder / "cache"),
-        "HERTZLOOP_CACHE": "",
     }
     return python("-B", "-c", script, cwd=folder, env=os.environ | own | more).stdout
 
