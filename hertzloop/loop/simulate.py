@@ -1,7 +1,5 @@
 """A scene simulated in memory, without bus or recording."""
 
-import time
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +13,11 @@ from hertzloop.closed_loop.exchange import (
 )
 from hertzloop.closed_loop.parts import controller_side, empty_unsent, exchange, plant_side
 from hertzloop.controller import law_kernels as laws
-from hertzloop.controller.controller import Controller
 from hertzloop.controller.loading.bound import LawFault
 from hertzloop.loop.impact_end import impact_follower
 from hertzloop.loop.stuck_law import watching
 from hertzloop.plant.metrics.impact_kernels import NEVER
 from hertzloop.plant.plant import Balance, Plant
-from hertzloop.plant.state_kernels import FLIGHT_V
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller import build_controller
 from hertzloop.scene.errors import SceneError
@@ -39,20 +35,6 @@ class LawStopped(SceneError):
     def __init__(self, message: str, truth: np.ndarray) -> None:
         super().__init__(message)
         self.truth = truth
-
-
-class LoopTimer:
-    """Processor time of the compiled loop in `simulate`, for benchmarks.
-
-    It is measured only while `running`, since reading the clock of a thread may cost more than a
-    case of a sweep.
-    """
-
-    seconds = 0.0
-    running = False
-
-
-IN_LOOP = LoopTimer()
 
 
 @dataclass(frozen=True)
@@ -85,6 +67,7 @@ def simulate(
     impact_only: bool = False,
     own_plant: Plant | None = None,
     steps: int | None = None,
+    parts_of_step: int = 1,
 ) -> SimulatedRun:
     """Run a scene without bus and recording.
 
@@ -93,6 +76,8 @@ def simulate(
         impact_only: End as soon as no later step can belong to the first impact.
         own_plant: A plant at its start, in place of that of the scene.
         steps: End after this many steps; by default those of the scene.
+        parts_of_step: Steps of the plant in each step of the scene. Samples, forces and random
+            numbers belong to the steps of the scene; a force is held over one.
 
     Raises:
         LawStopped: The law has failed.
@@ -102,18 +87,17 @@ def simulate(
     sensor = build_sensor(setup, most)
     controller = build_controller(setup, ahead=impact_only, steps=most)
     samples = len(controller.law_state.history)
-    unsent, side = empty_unsent(most, samples), plant_side(plant, sensor)
+    unsent = empty_unsent(most * parts_of_step, samples)
+    over_step = parts_of_step > 1 and SENSED[setup.scene.sensors.quantity].over_step
+    side = plant_side(plant, sensor)._replace(parts_of_step=parts_of_step, sensed_mean=over_step)
     impact = impact_follower(setup) if impact_only else NEVER
     direct = exchange(DIRECT, controller_side(controller), impact=impact)
-    with _watching(setup, controller):
-        started = time.thread_time() if IN_LOOP.running else 0.0
+    with watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES])):
         status = loop.run(side, direct, unsent, most)
-        if IN_LOOP.running:
-            IN_LOOP.seconds += time.thread_time() - started
     try:
         controller.check()
     except LawFault as error:
-        before = controller.failed_at * setup.sensor.every_steps + 1
+        before = (controller.failed_at * setup.sensor.every_steps + 1) * parts_of_step
         raise LawStopped(str(error), unsent.truth[:, :before]) from error
     ran, taken = int(unsent.counts[TRUTH_END]), int(unsent.counts[SAMPLES_END])
     sent = unsent.values if sensor.model.ideal else unsent.codes
@@ -121,69 +105,9 @@ def simulate(
         unsent.truth[:, :ran],
         sent[:taken],
         unsent.values[:taken],
-        controller.forces[:ran],
+        controller.forces[: ran // parts_of_step],
         unsent.modes[:taken],
         unsent.delays[:taken],
         plant.close_balance(),
         status == IMPACT_OVER,
     )
-
-
-def _watching(setup: Setup, controller: Controller) -> AbstractContextManager[None]:
-    return watching(setup, lambda: int(controller.law_state.counts[laws.SAMPLES]))
-
-
-def closed_loop_truth(setup: Setup, disturbance: float = 0.0) -> np.ndarray:
-    """Return the time series of a scene with its law, shape (10, steps).
-
-    Args:
-        setup: Setup of the run.
-        disturbance: Relative change of the sphere's initial speed.
-
-    Raises:
-        SceneError: The law has failed.
-    """
-    plant, controller = build_plant(setup), build_controller(setup, ahead=False)
-    plant.state.body[FLIGHT_V] *= 1.0 + disturbance
-    side, steps = plant_side(plant, build_sensor(setup)), setup.run.steps
-    unsent = empty_unsent(steps, steps)
-    loop.run(side, exchange(DIRECT, controller_side(controller)), unsent, steps)
-    _check(controller)
-    return unsent.truth
-
-
-def _check(controller: Controller) -> None:
-    """Raise SceneError if the law has failed."""
-    try:
-        controller.check()
-    except LawFault as error:
-        raise SceneError(str(error)) from error
-
-
-def finer_loop(setup: Setup, plant: Plant, steps: int, parts_of_step: int) -> np.ndarray:
-    """Run the closed loop on a plant with a shorter step than the scene's.
-
-    Samples, forces and random numbers belong to the steps of the scene; a force is held over one.
-
-    Args:
-        setup: Setup of the run.
-        plant: A plant at its start, which takes `parts_of_step` steps in each step of the scene.
-        steps: Steps of the scene to run.
-        parts_of_step: Steps of the plant in a step of the scene.
-
-    Returns:
-        Time series, shape (10, steps * parts_of_step).
-
-    Raises:
-        SceneError: The law has failed.
-    """
-    controller = build_controller(setup, ahead=False, steps=steps)
-    side = plant_side(plant, build_sensor(setup, steps))
-    side = side._replace(
-        parts_of_step=parts_of_step, sensed_mean=SENSED[setup.scene.sensors.quantity].over_step
-    )
-    unsent = empty_unsent(steps * parts_of_step, len(controller.law_state.history))
-    with _watching(setup, controller):
-        loop.run(side, exchange(DIRECT, controller_side(controller)), unsent, steps)
-    _check(controller)
-    return unsent.truth

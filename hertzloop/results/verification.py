@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hertzloop.loop.simulate import finer_loop
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import state_kernels
 from hertzloop.plant.metrics.impacts import impacts_in
 from hertzloop.plant.plant import MOST_MODES, Plant, PlantSpec
@@ -98,7 +98,9 @@ def against(setup: Setup, truth: np.ndarray, fine: PlantSpec) -> Verification | 
     if until is None:
         return None
     times = round(setup.run.step_s / fine.step_s)
-    finer_truth = finer_loop(setup, started_as(setup, fine), until, times)
+    finer_truth = simulate(
+        setup, own_plant=started_as(setup, fine), steps=until, parts_of_step=times
+    ).truth
     return changes(setup, truth[:, :until], finer_truth, fine)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from hertzloop.closed_loop.parts import free_start
 from hertzloop.fitting.fit.free_keys import drop_values
 from hertzloop.fitting.fit.simulated_impact import SimulatedImpact
-from hertzloop.loop.simulate import finer_loop
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant import state_kernels
 from hertzloop.plant import time_series as ts
 from hertzloop.plant.actuator import build_model
@@ -380,7 +380,7 @@ class LoopSimulator(ImpactSimulator):
         spec = replace(spec, lead_in_s=(math.floor(before) + 0.5) * spec.step_s)
         plant = self.plant_of(spec, before - math.floor(before))
         steps = lead + math.ceil(phase + until_s / self.loop_step_s) + 4
-        truth = finer_loop(loop, plant, steps, self.parts)
+        truth = simulate(loop, own_plant=plant, steps=steps, parts_of_step=self.parts).truth
         time_s = (np.arange(truth.shape[1]) - before) * spec.step_s
         return self.as_impact(spec, plant, time_s, truth)
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from hertzloop.closed_loop.parts import series_under
-from hertzloop.loop.simulate import finer_loop, simulate
+from hertzloop.loop.simulate import simulate
 from hertzloop.plant.metrics.impacts import impacts_in
-from hertzloop.plant.plant import Plant
 from hertzloop.plant.schemes.factory import built
 from hertzloop.plant.time_series import F_A, XI
 from hertzloop.results.verification import (
@@ -51,23 +50,14 @@ LINES = {
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_the_loop_on_the_same_plant_has_the_same_bytes(name):
-    scene = aluminium_3mm("run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name])
-    plant = build_plant(scene)
-    assert isinstance(plant, Plant)
-    rows = finer_loop(scene, plant, scene.run.steps, 1)
-    assert rows[F_A].any()
-    assert np.array_equal(rows, simulate(scene).truth)
-
-
-@pytest.mark.parametrize("name", LINES)
 def test_the_loop_on_half_the_step_is_the_same_loop(name):
     """Samples, latency and chance keep the scene's step; the plant, of order 4, alone is finer."""
     scene = aluminium_3mm("run.duration_s=0.0011", "run.accuracy=0.03", *LINES[name])
     spec = scene.plant
     plant = built(replace(spec, step_s=spec.step_s / 2), "modal").at_start()
     plant.state.body[_START] = build_plant(scene, spec).state.body[_START]
-    finer, rows = finer_loop(scene, plant, scene.run.steps, 2), simulate(scene).truth
+    finer = simulate(scene, own_plant=plant, parts_of_step=2).truth
+    rows = simulate(scene).truth
     assert np.abs(finer[XI, ::2] - rows[XI]).max() < 1e-4 * -rows[XI].min()
     assert np.array_equal(finer[F_A, ::2], finer[F_A, 1::2])  # a force is held over a step
     assert np.abs(finer[F_A, ::2] - rows[F_A]).max() < 0.01 * rows[F_A].max()
