@@ -14,7 +14,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -26,11 +26,9 @@ from setproctitle import setproctitle
 
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost
 from hertzloop.bus.streams import CONTROLLER, StreamFault
-from hertzloop.processes.program import Program
+from hertzloop.processes.program import how_it_failed
 from hertzloop.processes.signals import INTERRUPTED, end_with_parent, install_handlers
 from hertzloop.recordings.writer import RecordingError
-
-_NEAR_S = 1.0  # a process was stopped at a fault if it was seen so at most this time from it
 
 # What roles need. Imported before they are forked.
 MODULES = [
@@ -64,36 +62,25 @@ class ChildProcess:
 
     Attributes:
         role: Its role in the run.
-        process: The process, or the program of the user's that plays the role.
+        process: The process.
         stderr: File with its standard error.
-        reports: Where its reports come from; None for a program.
+        pipe: Where its reports come from; what is sent there lets a program begin.
+        command: Command line of the user's program that plays the role; "" if it is ours.
         ready: Whether it takes part in the run.
         fault: Why it has ended, as it says.
         done: Its result, once it has done its part.
         code: Its exit code, once it has ended; negative for a signal.
-        stopped_s: When the launcher has seen it stopped, by the clock of the faults.
     """
 
     role: str
-    process: BaseProcess | Program
+    process: BaseProcess
     stderr: Path
-    reports: Connection | None = None
+    pipe: Connection
+    command: str = ""
     ready: bool = False
     fault: RoleFault | None = None
     done: dict[str, Any] = field(default_factory=dict)
     code: int | None = None
-    stopped_s: list[float] = field(default_factory=list)
-
-    def note_if_stopped(self) -> None:
-        """Note when a signal has stopped it, where the system has /proc."""
-        with suppress(OSError):
-            stat = Path(f"/proc/{self.process.pid}/stat").read_bytes()
-            if stat.rpartition(b")")[2].split()[0] == b"T":
-                self.stopped_s.append(time.monotonic())
-
-    def was_stopped_at(self, fault: RoleFault) -> bool:
-        """Whether it was stopped when another one noticed a fault."""
-        return any(abs(seen_s - fault.at_s) < _NEAR_S for seen_s in self.stopped_s)
 
     @property
     def failed(self) -> bool:
@@ -110,17 +97,9 @@ class ChildProcess:
         assert self.code is not None  # it has ended
         if self.fault and self.code >= 0:
             return "" if self.fault.others else self.fault.sentence
-        if self.code < 0:
-            return f"{self.named} was killed by {signal.Signals(-self.code).name}"
         if self.code == INTERRUPTED:
-            return f"{self.named} was interrupted"
-        lines = self.stderr.read_text(errors="replace").strip().splitlines() or ["no message"]
-        return f"{self.named} failed with exit code {self.code}: {lines[-1]}"
-
-    @property
-    def named(self) -> str:
-        """The role, with its command line if that is the user's own."""
-        return f"{self.role} ('{self.process}')" if isinstance(self.process, Program) else self.role
+            return f"{self.role} was interrupted"
+        return f"{self.role} {how_it_failed(self.code, self.stderr)}"
 
 
 def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
@@ -141,19 +120,17 @@ def failure_cause(children: Iterable[ChildProcess], law: str = "") -> str:
         key=lambda child: child.fault.at_s if child.fault else 0.0,
     )
     # A program of the user's exits with a code of its own after it was told of a fault.
-    for child in sorted(failed, key=lambda c: (isinstance(c.process, Program), (c.code or 0) >= 0)):
+    for child in sorted(failed, key=lambda c: (bool(c.command), (c.code or 0) >= 0)):
         if (reason := child.own_reason()) and not _was_missed_before(child, failed):
             told = [one.fault for one in failed if one.fault and one.fault.others]
             # What it says on the bus tells more than how it then exits.
-            if isinstance(child.process, Program) and not any(fault.lost for fault in told):
+            if child.command and not any(fault.lost for fault in told):
                 return next((fault.sentence for fault in told), reason)
             return reason
     faults = [child.fault for child in failed if child.fault]
     running = {child.role for child in children if child.running}
     missing = [fault for fault in faults if running & {*fault.lost}]
     first = next(iter([*missing, *(fault for fault in faults if fault.lost), *faults]))
-    if stopped := {child.role for child in children if child.was_stopped_at(first)}:
-        return not_responding(stopped, first.sentence, " (stopped by a signal)")
     if hung := running & {*first.lost}:
         hangs = f", perhaps in an endless loop of the law {law}" * bool(law)
         return not_responding(hung, first.sentence, hangs if CONTROLLER in hung else "")
@@ -182,7 +159,12 @@ def not_responding(roles: Iterable[str], how: str, why: str = "") -> str:
 
 
 def start_role(
-    role: str, stderr: Path, title: str, work: Callable[..., dict[str, Any]], *arguments: object
+    role: str,
+    stderr: Path,
+    title: str,
+    work: Callable[..., dict[str, Any]],
+    *arguments: object,
+    command: str = "",
 ) -> ChildProcess:
     """Start a process that calls `work(report, *arguments)` and reports what that returns.
 
@@ -194,6 +176,8 @@ def start_role(
         title: How the system lists it.
         work: A function of a module.
         arguments: What can be sent to another process.
+        command: Command line of a program of the user's, which `work` then runs once something is
+            sent to the process.
 
     Raises:
         BusError: this process may have no children.
@@ -208,14 +192,14 @@ def start_role(
     context = multiprocessing.get_context("fork" if alone else "forkserver")
     if not alone:
         context.set_forkserver_preload(MODULES)
-    reports, theirs = context.Pipe(duplex=False)
+    ours, theirs = context.Pipe()
     home = _Home(os.getpid(), dict(os.environ), stderr, title)
-    whole = (home, theirs, work, *arguments)
+    whole = (home, theirs, bool(command), work, *arguments)
     process = context.Process(target=_be_role, args=whole, name=role, daemon=True)  # type: ignore[attr-defined]
     with nullcontext() if alone else _without_main():
         process.start()
     theirs.close()
-    return ChildProcess(role, process, stderr, reports)
+    return ChildProcess(role, process, stderr, ours, command)
 
 
 @contextmanager
@@ -237,17 +221,19 @@ class _Home(NamedTuple):
     title: str
 
 
-def _be_role(home: _Home, reports: Connection, work: Any, *arguments: object) -> NoReturn:
+def _be_role(home: _Home, pipe: Connection, waits: bool, work: Any, *arguments: object) -> NoReturn:
     """Do the work of a role in this process, report what came of it, and end the process."""
     code = 1
 
     def report(**parts: object) -> None:
         # How far it is may be left out while the launcher is stopped; the rest is little.
-        if "step" not in parts or select.select([], [reports], [], 0.0)[1]:
-            reports.send(parts)
+        if "step" not in parts or select.select([], [pipe], [], 0.0)[1]:
+            pipe.send(parts)
 
     try:
         _settle(home)
+        if waits:
+            pipe.recv()
         report(done=work(report, *arguments))
         code = 0
     except KeyboardInterrupt as error:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from importlib import import_module
 from multiprocessing.connection import wait
-from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ from hertzloop.processes.child_process import (
     not_responding,
     start_role,
 )
-from hertzloop.processes.program import Program, filled_in
+from hertzloop.processes.program import filled_in, run_program
 from hertzloop.processes.signals import Interrupted, deferred, ending_signals
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
@@ -36,7 +35,6 @@ _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave 
 # For a process to react to a signal (roles.py has the shorter wait after which a role exits by
 # itself), or to exit once it has done its part.
 _PATIENCE_S = 5.0
-_REPORT_S = 1.0  # for reports of others to arrive, once a program has ended
 _LEAVE_S = 15.0  # for the others to do their part, once one has: all was recorded before
 _LOOK_S = 0.2
 _PROGRESS_S = 0.1  # between two reports of a step
@@ -84,8 +82,7 @@ class Launcher:
             versions_here()  # read from the disk, and kept
             with deferred():
                 for role in (RECORDER, CONTROLLER, PLANT):
-                    if role != CONTROLLER or not self._options.controller:
-                        self._start(role)
+                    self._start(role)
             stack.enter_context(ending_signals(self._on_signal))
             self._in_use = stack.pop_all()
         return self
@@ -99,15 +96,15 @@ class Launcher:
         options = self._options.model_copy(update={"name": self.name})
         title = f"hertzloop {role} --name {self.name}"
         title += f" --out {self._recording}" * (role == RECORDER)
+        stderr, command = self._folder / f"{role}.stderr", ""
+        work: Callable[..., dict[str, Any]] = _play
         setup = self._setup if role == PLANT else None
+        given: tuple[object, ...]
         given = (role, setup, self._recording, options, listen, connect, self._wait_s)
-        stderr = self._folder / f"{role}.stderr"
-        self.children.append(start_role(role, stderr, title, _play, *given))
-
-    def _start_program(self, command: str) -> None:
-        stderr = self._folder / f"{CONTROLLER}.stderr"
-        words = filled_in(command, self.name, self.endpoints)
-        self.children.append(ChildProcess(CONTROLLER, Program(command, words, stderr), stderr))
+        if role == CONTROLLER and options.controller:
+            work, command = run_program, options.controller
+            given = (command, filled_in(command, self.name, self.endpoints), stderr)
+        self.children.append(start_role(role, stderr, title, work, *given, command=command))
 
     def _on_signal(self, count: int) -> None:
         self._signals = count
@@ -137,53 +134,40 @@ class Launcher:
 
     def _running(self) -> list[str]:
         """Return the roles that have neither done their part nor ended."""
-        missing = {CONTROLLER} if self._options.controller else set()
-        missing -= {child.role for child in self.children}
-        return [*missing, *(child.role for child in self.children if child.running)]
+        return [child.role for child in self.children if child.running]
 
     def _hear(self, on_progress: Callable[[int], None]) -> bool:
         """Take in what the processes report within a moment; return whether one did."""
-        pipes = [(c.reports, c) for c in self.children if c.reports and c.code is None]
-        ready = wait([pipe for pipe, _ in pipes], _LOOK_S)
-        for pipe, child in pipes:
-            child.note_if_stopped()
-            if pipe not in ready:
+        ready = wait([child.pipe for child in self.children if child.code is None], _LOOK_S)
+        for child in self.children:
+            if child.pipe not in ready:
                 continue
             try:
-                report = pipe.recv()
+                while child.pipe.poll():
+                    self._take_in(child, child.pipe.recv(), on_progress)
             except (EOFError, OSError):  # it ends
-                child.process.join(_PATIENCE_S)  # type: ignore[union-attr]
+                child.process.join(_PATIENCE_S)
                 child.code = 1 if child.process.exitcode is None else child.process.exitcode
-                continue
-            if "open" in report and self._options.controller:
-                # Not every program tries to connect again.
-                self._start_program(self._options.controller)
-            if "step" in report:
-                on_progress(report["step"])
-            child.ready = child.ready or "ready" in report
-            child.fault = report.get("fault", child.fault)
-            child.done = report.get("done", child.done)
-        heard = bool(ready)
         for child in self.children:
-            if child.reports is None and child.running:
-                child.note_if_stopped()
-                heard = self._look_at_program(child) or heard
-        return heard
+            if child.command and child.done and not any(one.ready for one in self.children):
+                child.done = {}
+                child.fault = RoleFault(
+                    f"{child.role} ('{child.command}') ended before the run began"
+                )
+        return bool(ready)
 
-    def _look_at_program(self, child: ChildProcess) -> bool:
-        """Note how a program of the user's has ended; return whether it has."""
-        code = child.process.exitcode
-        if code is None:
-            return False
-        if code:
-            child.code = code
-        elif any(one.ready for one in self.children):
-            child.done = {"left": True}
-        elif not child.fault:  # the others may have begun just now, and may yet report so
-            child.fault = RoleFault(f"{child.named} ended before the run began")
-        elif time.monotonic() - child.fault.at_s > _REPORT_S:
-            child.code = code
-        return bool(child.done or child.failed)
+    def _take_in(
+        self, child: ChildProcess, report: dict[str, Any], on_progress: Callable[[int], None]
+    ) -> None:
+        """Take in a report."""
+        if "open" in report:
+            for program in (one for one in self.children if one.command):
+                program.pipe.send("begin")  # not every program tries to connect again
+        if "step" in report:
+            on_progress(report["step"])
+        child.ready = child.ready or "ready" in report
+        child.fault = report.get("fault", child.fault)
+        child.done = report.get("done", child.done)
 
     def _patience_s(self) -> float:
         """Return how long the others are waited for, once one has failed or has done its part."""
@@ -240,12 +224,9 @@ class Launcher:
                 time.sleep(0.01)
         while self.children:
             child = self.children.pop()
-            if child.reports:
-                child.reports.close()
-            if isinstance(child.process, BaseProcess) and child.process.exitcode is not None:
+            child.pipe.close()
+            if child.process.exitcode is not None:
                 child.process.close()
-            elif isinstance(child.process, Program):
-                child.process.kill()  # what it may have started
 
 
 def _play(

@@ -8,7 +8,9 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
+from hertzloop.bus.port import BusError
 from hertzloop.bus.sockets import mesh_endpoints, on_loopback, reserved_ports
 from hertzloop.bus.streams import CONTROLLER
 from hertzloop.loop.run_options import OptionError
@@ -66,48 +68,39 @@ def meeting_endpoints(command: str, first_port: int | None) -> Iterator[list[str
     yield on_loopback(range(first, first + 3))
 
 
-class Program:
-    """A program of the user's that runs, with what a launcher needs of a `multiprocessing` process.
+def run_program(_: object, command: str, words: Sequence[str], stderr: Path) -> dict[str, Any]:
+    """Run a program of the user's, in the process of its role, until it ends.
 
-    It ends with the launcher. Its standard output is for people, and is dropped.
+    It ends with this process. Its standard output is for people, and is dropped.
+
+    Args:
+        command: Its command line.
+        words: The same, filled in.
+        stderr: File that has its standard error.
+
+    Raises:
+        BusError: It fails.
     """
+    with subprocess.Popen(
+        words,
+        stdin=subprocess.PIPE,  # never written to
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+        preexec_fn=end_with_parent,
+    ) as process:
+        try:
+            code = process.wait()
+        finally:  # with what a shell has started for it
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+    if code:
+        raise BusError(f"{CONTROLLER} ('{command}') {how_it_failed(code, stderr)}")
+    return {"left": True}
 
-    def __init__(self, command: str, words: Sequence[str], stderr: Path) -> None:
-        """Start a `command`, filled in as `words`. Raises OSError.
 
-        `stderr` is the file that takes its standard error.
-        """
-        self._command = command
-        with stderr.open("w") as errors:
-            self._process = subprocess.Popen(
-                words,
-                stdin=subprocess.PIPE,  # never written to
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                start_new_session=True,
-                preexec_fn=end_with_parent,
-            )
-
-    def __str__(self) -> str:
-        return self._command
-
-    @property
-    def pid(self) -> int:
-        """Its number in the system."""
-        return self._process.pid
-
-    @property
-    def exitcode(self) -> int | None:
-        """Its exit code, negative for a signal; None while it runs."""
-        return self._process.poll()
-
-    def terminate(self) -> None:
-        """Ask it to end."""
-        self._process.terminate()
-
-    def kill(self) -> None:
-        """End it, with what a shell has started for it."""
-        assert self._process.stdin
-        self._process.stdin.close()
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
+def how_it_failed(code: int, stderr: Path) -> str:
+    """Return how a process has failed, by its exit code and its last line of standard error."""
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    lines = stderr.read_text(errors="replace").strip().splitlines() or ["no message"]
+    return f"failed with exit code {code}: {lines[-1]}"

@@ -93,8 +93,13 @@ def wrong_words(fault: Fault, code: int, said: str) -> str:
     words = {
         "kill": [f"{fault.victim} was killed by {name}"],
         "crash": [f"{fault.victim} was killed by {name}"],
-        "stop": [f"{fault.victim} does not respond (stopped by a signal)"],
-        "long pause": [f"{fault.victim} does not respond (stopped by a signal)"],
+        "stop": [f"{fault.victim} does not respond"],
+        "long pause": [
+            f"from the {fault.victim}: nothing came",
+            f"{fault.victim} does not respond",
+            f"{fault.victim} or an observer accepted no message",
+            f"{fault.victim} left the run",
+        ],
         "terminate": [f"{fault.victim} was interrupted", f"killed by {name}"],
         "interrupt": [f"{fault.victim} was interrupted"],
     }[fault.how]

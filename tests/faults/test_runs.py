@@ -1,13 +1,9 @@
 """A short series of faults in runs, and what judges them; long ones: see `tests.faults.runs`."""
 
-import os
-import signal
 import tempfile
-import time
-from multiprocessing import Process
+from multiprocessing import Pipe, Process
 from pathlib import Path
 
-import psutil
 import pytest
 
 from hertzloop.processes import child_process
@@ -18,7 +14,6 @@ from tests.faults.inflict import (
     Fault,
     inflict,
 )
-from tests.hertzloop.commands import wait_for
 from tests.tiers import default
 
 FAULTS = [
@@ -56,11 +51,13 @@ def ended(
     role: str, sentence: str, *lost: str, others: bool = True, at_s: float = 0.0
 ) -> ChildProcess:
     fault = child_process.RoleFault(sentence, others, lost, at_s)
-    return ChildProcess(role, Process(name=role), Path("none"), ready=True, fault=fault, code=1)
+    return ChildProcess(
+        role, Process(name=role), Path("none"), Pipe()[0], ready=True, fault=fault, code=1
+    )
 
 
 def cause(*failed: ChildProcess, running: tuple[str, ...] = ()) -> str:
-    going = [ChildProcess(role, Process(name=role), Path("none")) for role in running]
+    going = [ChildProcess(role, Process(name=role), Path("none"), Pipe()[0]) for role in running]
     return failure_cause([*failed, *going])
 
 
@@ -89,27 +86,3 @@ def test_a_role_that_does_not_react_hangs():
     assert cause(blocked, told, running=("recorder",)) == said
     misses = ended("controller", "nothing from the plant", "plant", at_s=-1.0)
     assert cause(blocked, misses, running=("recorder",)) == said
-
-
-def test_a_role_that_was_stopped_is_named_though_it_goes_on():
-    process = Process(target=time.sleep, args=[100.0])
-    process.start()
-    controller = ChildProcess("controller", process, Path("none"))
-    try:
-        controller.note_if_stopped()
-        assert not controller.stopped_s
-        os.kill(process.pid, signal.SIGSTOP)
-        wait_for(lambda: psutil.Process(process.pid).status() == psutil.STATUS_STOPPED)
-        controller.note_if_stopped()
-        at_s = time.monotonic()
-    finally:
-        process.kill()
-        process.join()
-    controller.fault, controller.code = child_process.RoleFault("the plant left", True), 1
-    said = "controller or recorder accepted no message"
-    before = ended("plant", said, "controller", "recorder", at_s=at_s - 10.0)
-    assert cause(before, controller) == said
-    at_once = ended("plant", said, "controller", "recorder", at_s=at_s)
-    assert (
-        cause(at_once, controller) == f"controller does not respond (stopped by a signal); {said}"
-    )
