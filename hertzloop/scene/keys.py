@@ -6,50 +6,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import groupby, pairwise
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.scene.errors import bounds_of, fields_of, tables_of, told
+from hertzloop.scene.errors import told
+from hertzloop.scene.fields import fields_of, tables_of, takes
 from hertzloop.scene.scene import Scene
-
-# Endings of names, longer ones first.
-_UNITS = {
-    "_m_s": "m/s",
-    "_m_n": "m/N",
-    "_n_s_m": "N s/m",
-    "_n_s": "N/s",
-    "_kg_m3": "kg/m3",
-    "_ppm": "ppm",
-    "_pa": "Pa",
-    "_kg": "kg",
-    "_hz": "Hz",
-    "_us": "us",
-    "_ns": "ns",
-    "_m": "m",
-    "_s": "s",
-    "_n": "N",
-}
-_WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false"}
-
-
-def unit_of(name: str) -> tuple[str, str]:
-    """A key's or metric's name without the ending that says its unit, and the unit, "" if none."""
-    ending = next((end for end in _UNITS if name.endswith(end)), "")
-    return name.removesuffix(ending), _UNITS.get(ending, "")
 
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a scene. `bounds` and `default` are text, empty if there are none."""
+    """A key of a scene: its possible values and its default are text."""
 
     name: str
-    kind: str
-    unit: str
-    bounds: str
+    possible: str
     default: str
     meaning: str
 
@@ -117,33 +89,10 @@ def _key(name: str, field: FieldInfo, meaning: str) -> Key:
         default = repr(field.default).replace("'", '"')
     return Key(
         name=name,
-        kind=" or ".join(dict.fromkeys(_kinds(field.annotation))),
-        unit=unit_of(name)[1],
-        bounds=bounds_of(field),
+        possible=takes(name, field),
         default=default,
         meaning=meaning,
     )
-
-
-def _kinds(kind: Any) -> Iterator[str]:
-    origin, inner = get_origin(kind), get_args(kind)
-    if origin is Annotated:
-        yield from _kinds(inner[0])
-    elif origin is Literal:
-        yield ", ".join(f'"{value}"' for value in inner)
-    elif origin in (Union, UnionType):
-        for one in inner:
-            if one is not NoneType:
-                yield from _kinds(one)
-    elif origin is tuple:
-        many = inner[-1] is Ellipsis
-        words = next(_kinds(inner[0]))
-        words = words.replace("list", "lists", 1) if words.startswith("list") else f"{words}s"
-        yield f"list of {words}" if many else f"{len(inner)} {words}"
-    elif isinstance(kind, type) and issubclass(kind, BaseModel):
-        yield "table"
-    else:
-        yield _WORDS.get(kind, str(kind))
 
 
 def page() -> str:
@@ -164,11 +113,9 @@ def page() -> str:
 
 
 def value_of(key: Key) -> str:
-    """What a key takes: kind, unless it is a number with bounds; bounds and unit; default."""
-    bounds = f"{key.bounds} {key.unit}".strip()
-    kind = "" if key.kind == "number" and key.bounds else key.kind
+    """What a key takes, and its default."""
     default = key.default if key.default in ("", "needed") else f"default {key.default}"
-    return f"{', '.join(filter(None, (kind, bounds)))}{default and f'; {default}'}"
+    return f"{key.possible}{default and f'; {default}'}"
 
 
 def keys_of(law: str) -> list[Key]:

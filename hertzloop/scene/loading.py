@@ -17,7 +17,8 @@ from hertzloop.controller.loading.registry import read_again, resolve
 from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.scene.attached_files import inline_files
 from hertzloop.scene.controller_table import switch_law
-from hertzloop.scene.errors import LONGEST, SceneError, fields_of, sentence, shortened, shown
+from hertzloop.scene.errors import LONGEST, SceneError, sentence, shortened, shown
+from hertzloop.scene.fields import fields_of
 from hertzloop.scene.materials import expand_material
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.tables import KINDS

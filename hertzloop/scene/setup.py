@@ -17,7 +17,8 @@ from hertzloop.plant.plant import PlantSpec
 from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.controller_table import ControllerTable
-from hertzloop.scene.errors import SceneError, fields_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.fields import fields_of
 from hertzloop.scene.infinite_plate import InfinitePlate
 from hertzloop.scene.law_context import law_force_bound, resolve_law_context
 from hertzloop.scene.loading import load as load_scene

@@ -6,7 +6,7 @@ from typing import Any
 from hertzloop.controller.law import WHOLE_STEPS
 from hertzloop.controller.loading.registry import read_again
 from hertzloop.scene.controller_table import law_key
-from hertzloop.scene.errors import fields_of, parts_of, tables_at
+from hertzloop.scene.fields import fields_of, parts_of, tables_at
 from hertzloop.scene.loading import change, validate_scene
 from hertzloop.scene.scene import Scene
 

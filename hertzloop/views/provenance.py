@@ -5,7 +5,7 @@ from typing import Any
 from hertzloop.recordings.recording import Recording
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.recorded import law_of
-from hertzloop.scene.keys import unit_of
+from hertzloop.scene.fields import unit_of
 from hertzloop.scene.loading import shipped
 from hertzloop.scene.materials import material_name
 from hertzloop.scene.setup import Setup, load

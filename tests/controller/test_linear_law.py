@@ -139,7 +139,7 @@ def test_a_file_without_a_filter_is_refused(tmp_path, arrays, words):
     [
         ([], "controller.numerator is empty"),
         (["numerator=[1]", "denominator=[0, 1]"], "the first coefficient must not be zero"),
-        (["numerator=[nan]"], "controller.numerator = nan: must be a finite number"),
+        (["numerator=[nan]"], "controller.numerator = nan: is not possible"),
         (["sections=[[1, 2, 3]]"], "section 0 has 3 numbers. Give six"),
         (["sections=[[1, 0, 0, 1, 0, 0], [1, 0, 0, 0, 0, 0]]"], "a0 of section 1 is zero"),
         (["numerator=[1]", "sections=[[1, 0, 0, 1, 0, 0]]"], "cannot stand beside"),

@@ -8,7 +8,7 @@ from typing import Any
 
 from hertzloop.fitting.errors import FitError
 from hertzloop.fitting.records.record import Record
-from hertzloop.scene.errors import fields_of, tables_at
+from hertzloop.scene.fields import fields_of, tables_at
 from hertzloop.scene.setup import Setup
 
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")

@@ -9,7 +9,7 @@ from typing import Any
 from hertzloop.common.atomic_files import whole_file
 from hertzloop.common.readable import argument
 from hertzloop.results.cases import CASE_FACTS
-from hertzloop.scene.keys import unit_of
+from hertzloop.scene.fields import unit_of
 from hertzloop.scene.toml import toml_text
 
 METRICS = {name: f"{row.label} ({row.unit})" for name, row in CASE_FACTS.items() if row.unit}

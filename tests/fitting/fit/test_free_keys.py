@@ -37,8 +37,11 @@ def test_free_keys_are_read_from_their_text():
             ("run.duration_s", "choice of the simulation"),
             ("sensors.noise_rms", "low_pass_hz"),
             ("sphere.radius_m=2:1", "rise"),
-            ("sphere.radius_m=1e-7:0.01", "sphere.radius_m = 1e-07: must be at least 1e-0?5"),
-            ("plate.loss_factor=0.1:2", "plate.loss_factor = 2.*at most 1"),
+            (
+                "sphere.radius_m=1e-7:0.01",
+                "sphere.radius_m = 1e-07: is not possible. Possible values: 1e-5",
+            ),
+            ("plate.loss_factor=0.1:2", "plate.loss_factor = 2.*0 to 1"),
         ),
     )
 

@@ -83,8 +83,8 @@ ANSWERS = {
     "--out = p.fmu: cannot be combined with --out-dir. Remove one of the two",
     "sweep --over run.touch_phase=0.1,0.2 --phases 4":
     "--phases 4 spreads run.touch_phase, so --over cannot give it too",
-    "run --set sensors.full_scale=1e-4": "'contact' or 'none'. Give values from -1e9 to 1e9.",
-    "sweep --over plate.size_m=0.1,0.2": "must be a list in brackets, such as [0.1, 0.2]",
+    "run --set sensors.full_scale=1e-4": '"contact", "none", -1e9 to 1e9.',
+    "sweep --over plate.size_m=0.1,0.2": "Possible values: 2 numbers, 0.01 to 20 m",
     "scene modes aluminium-3mm -o modes.txt": "modes.txt",
     "node watch --save a.txt": "--save = a.txt: must end in .rrd",
     "node controller --listen nonsense": "'nonsense': invalid endpoint. Write it as tcp/",

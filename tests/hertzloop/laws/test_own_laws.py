@@ -153,7 +153,7 @@ def test_keys_of_a_law_of_ones_own(here):
     assert scene.vary({"controller.law": "slope_threshold"}) == aluminium_3mm()
     for setting, words in {
         "controller.shar=1": "controller.shar: unknown scene key. Did you mean share?",
-        "controller.share=2": "controller.share = 2: must be",
+        "controller.share=2": "controller.share = 2: is not possible",
         "controller.share=nan": "controller.share",
         "controller.fade_us=20": "fade_us = 20: has no effect on .*, whose keys are: share",
         "sensors.quantity=xi": "needs 'contact_force'",

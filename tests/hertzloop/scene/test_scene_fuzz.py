@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from hertzloop.loop.simulate import simulate
 from hertzloop.results.metrics import metrics_of
-from hertzloop.scene.errors import SceneError, parts_of
+from hertzloop.scene.errors import SceneError
+from hertzloop.scene.fields import parts_of
 from hertzloop.scene.loading import load, parse, shipped
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.setup import resolve

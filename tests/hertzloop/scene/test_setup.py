@@ -85,12 +85,12 @@ def values_of(key: keys.Key, now: Any) -> list[Any]:
     """Other values of a key."""
     if key.name in TRIED:
         return TRIED[key.name]
-    if '"' in key.kind:
-        named = [word.strip().strip('"') for word in key.kind.replace(" or ", ",").split(",")]
+    if '"' in key.possible:
+        named = [word.strip().strip('"') for word in key.possible.replace(" or ", ",").split(",")]
         return [word for word in named if word != now and word.isidentifier()]
     if isinstance(now, bool) or now is None or isinstance(now, list | tuple | str):
-        return [1.0] if "number" in key.kind else []
-    if "whole" in key.kind:
+        return [1.0] if "number" in key.possible or " to " in key.possible else []
+    if "whole" in key.possible:
         return [now + 1]
     return [now * 1.01 if now else 1e-3, 1.0]
 

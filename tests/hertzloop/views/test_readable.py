@@ -29,4 +29,4 @@ def test_a_number_has_a_short_exponent():
 
 
 def test_bounds_of_a_key_are_readable():
-    refused("from -1e9 to 1e9", "scene", "check", "--set", "sensors.full_scale=[0, 2e9]")
+    refused("-1e9 to 1e9", "scene", "check", "--set", "sensors.full_scale=[0, 2e9]")
