@@ -31,27 +31,12 @@ def sentence(event: Event) -> str:
             return f"{event.quantity} left the converter's range"
         case EventKind.RANGE_REGAINED:
             return f"{event.quantity} is back in the converter's range"
-        case EventKind.FORCES_LATE:
-            return _late(event)
         case EventKind.LAW_MODE:
             words = f"law {mode_name(event.mode_before)} -> {mode_name(event.mode)}"
             if event.HasField("delay_ns"):
                 words += f", threshold crossed, delay {event.delay_ns / 1000:g} us"
             return words
     return str(event.message)
-
-
-def _late(event: Event) -> str:
-    first, last, oldest = event.from_step, event.to_step, event.oldest_steps
-    if event.number == event.last_number:
-        acted = first - oldest
-        return f"late force {event.number}: the force of step {acted} acted in step {first}"
-    count = event.last_number - event.number + 1
-    return (
-        f"late forces {event.number} to {event.last_number}: {count} of the steps {first} to "
-        f"{last} used an older force, in {event.late_sequences} sequences of at most "
-        f"{event.longest_sequence} steps; the oldest force was {oldest} steps old"
-    )
 
 
 def mode_name(mode: int) -> str:

@@ -25,7 +25,6 @@ class EventKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CONTACT_ENDED: _ClassVar[EventKind]
     RANGE_LEFT: _ClassVar[EventKind]
     RANGE_REGAINED: _ClassVar[EventKind]
-    FORCES_LATE: _ClassVar[EventKind]
     LAW_MODE: _ClassVar[EventKind]
     RUN_FAILED: _ClassVar[EventKind]
 NOT_STATED: SharedMemoryAnswer
@@ -38,7 +37,6 @@ CONTACT_BEGAN: EventKind
 CONTACT_ENDED: EventKind
 RANGE_LEFT: EventKind
 RANGE_REGAINED: EventKind
-FORCES_LATE: EventKind
 LAW_MODE: EventKind
 RUN_FAILED: EventKind
 
@@ -183,7 +181,7 @@ class TruthBlock(_message.Message):
     def __init__(self, run_id: _Optional[int] = ..., sequence: _Optional[int] = ..., first_step: _Optional[int] = ..., step_ns: _Optional[int] = ..., xi_m: _Optional[_Iterable[float]] = ..., xi_s_m: _Optional[_Iterable[float]] = ..., xi_p_m: _Optional[_Iterable[float]] = ..., v_p_m_s: _Optional[_Iterable[float]] = ..., f_c_n: _Optional[_Iterable[float]] = ..., f_a_n: _Optional[_Iterable[float]] = ..., xi_a_m: _Optional[_Iterable[float]] = ..., f_c1_n: _Optional[_Iterable[float]] = ..., f_a1_n: _Optional[_Iterable[float]] = ..., deepest_m: _Optional[_Iterable[float]] = ..., held_steps: _Optional[_Iterable[int]] = ...) -> None: ...
 
 class Event(_message.Message):
-    __slots__ = ("timestamp", "level", "message", "name", "file", "line", "kind", "number", "last_number", "quantity", "mode_before", "mode", "delay_ns", "from_step", "to_step", "late_sequences", "longest_sequence", "oldest_steps")
+    __slots__ = ("timestamp", "level", "message", "name", "file", "line", "kind", "number", "quantity", "mode_before", "mode", "delay_ns")
     TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
     LEVEL_FIELD_NUMBER: _ClassVar[int]
     MESSAGE_FIELD_NUMBER: _ClassVar[int]
@@ -192,16 +190,10 @@ class Event(_message.Message):
     LINE_FIELD_NUMBER: _ClassVar[int]
     KIND_FIELD_NUMBER: _ClassVar[int]
     NUMBER_FIELD_NUMBER: _ClassVar[int]
-    LAST_NUMBER_FIELD_NUMBER: _ClassVar[int]
     QUANTITY_FIELD_NUMBER: _ClassVar[int]
     MODE_BEFORE_FIELD_NUMBER: _ClassVar[int]
     MODE_FIELD_NUMBER: _ClassVar[int]
     DELAY_NS_FIELD_NUMBER: _ClassVar[int]
-    FROM_STEP_FIELD_NUMBER: _ClassVar[int]
-    TO_STEP_FIELD_NUMBER: _ClassVar[int]
-    LATE_SEQUENCES_FIELD_NUMBER: _ClassVar[int]
-    LONGEST_SEQUENCE_FIELD_NUMBER: _ClassVar[int]
-    OLDEST_STEPS_FIELD_NUMBER: _ClassVar[int]
     timestamp: _timestamp_pb2.Timestamp
     level: int
     message: str
@@ -210,17 +202,11 @@ class Event(_message.Message):
     line: int
     kind: EventKind
     number: int
-    last_number: int
     quantity: str
     mode_before: int
     mode: int
     delay_ns: int
-    from_step: int
-    to_step: int
-    late_sequences: int
-    longest_sequence: int
-    oldest_steps: int
-    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., level: _Optional[int] = ..., message: _Optional[str] = ..., name: _Optional[str] = ..., file: _Optional[str] = ..., line: _Optional[int] = ..., kind: _Optional[_Union[EventKind, str]] = ..., number: _Optional[int] = ..., last_number: _Optional[int] = ..., quantity: _Optional[str] = ..., mode_before: _Optional[int] = ..., mode: _Optional[int] = ..., delay_ns: _Optional[int] = ..., from_step: _Optional[int] = ..., to_step: _Optional[int] = ..., late_sequences: _Optional[int] = ..., longest_sequence: _Optional[int] = ..., oldest_steps: _Optional[int] = ...) -> None: ...
+    def __init__(self, timestamp: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., level: _Optional[int] = ..., message: _Optional[str] = ..., name: _Optional[str] = ..., file: _Optional[str] = ..., line: _Optional[int] = ..., kind: _Optional[_Union[EventKind, str]] = ..., number: _Optional[int] = ..., quantity: _Optional[str] = ..., mode_before: _Optional[int] = ..., mode: _Optional[int] = ..., delay_ns: _Optional[int] = ...) -> None: ...
 
 class EnergyBalance(_message.Message):
     __slots__ = ("run_id", "energy_start_j", "kinetic_j", "gravity_j", "modal_j", "contact_j", "modal_dissipated_j", "contact_dissipated_j", "injected_j", "energy_residual", "momentum_change_n_s", "contact_impulse_n_s", "gravity_impulse_n_s", "momentum_residual", "newton_iterations", "newton_iterations_max", "contact_steps", "frequencies", "frequency_limit_hz", "expected_error", "plastic_dissipated_j", "dent_m", "newton_fallbacks")

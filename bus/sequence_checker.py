@@ -54,7 +54,6 @@ class SequenceChecker:
     counters: dict[str, Counter] = field(default_factory=dict)
     next_step: dict[str, int] = field(default_factory=dict)
     scales: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    latest_event_ns: int = 0
 
     def explained(self, error: StreamFault) -> StreamFault:
         """The same fault, with both versions if the plant is of another one."""
@@ -156,7 +155,7 @@ class SequenceChecker:
             )
 
     def _check_length(self, hello: Hello) -> None:
-        """A hello says what is run, and for how long; no event may lie beyond."""
+        """A hello says what is run, and for how long."""
         if not hello.scene_toml:
             raise StreamFault("the plant announced a run without a scene")
         if not 0 < hello.steps * hello.step_ns <= LAST_NS:
@@ -165,7 +164,6 @@ class SequenceChecker:
                 f"1 step or more and lasts {LAST_NS} ns at most"
             )
         self.announced = hello
-        self._check_within(self.latest_event_ns)
 
     def _check_event(self, name: str, sequence: int | None, event: messages.Event) -> None:
         time_ns = event.timestamp.seconds * 10**9 + event.timestamp.nanos
@@ -174,13 +172,6 @@ class SequenceChecker:
                 f"stream '{name}' sequence {sequence} has an event at {event.timestamp.seconds} s "
                 f"and {event.timestamp.nanos} ns, which is no time of a run"
             )
-        self.latest_event_ns = max(self.latest_event_ns, time_ns)
-        self._check_within(time_ns)
-
-    def _check_within(self, time_ns: int) -> None:
-        """Events lie within the run; what came before its hello is looked at with it."""
-        if self.announced and time_ns > (end := self.announced.steps * self.announced.step_ns):
-            raise StreamFault(f"an event came for {time_ns} ns, the run ends at {end} ns")
 
     def reconcile(self, end: RunEnd) -> None:
         """Compare what a role announced at its end with what came: counts, 0 of a stream that it

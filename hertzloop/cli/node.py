@@ -26,6 +26,7 @@ from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.readable import quantity
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes import roles
+from hertzloop.processes.child_process import Report
 from hertzloop.processes.program import BASE_PORT, LARGEST_PORT
 from hertzloop.processes.record import told_where
 from hertzloop.processes.roles import BusAddress, default_endpoints
@@ -62,9 +63,9 @@ def plant(
     if options.repeat:
         repeat_or_fail(read(options.repeat), setup)
     prepare.compile_first(setup)
-    begin = lambda: _begin(PLANT, f"{setup.scene.name}, {_duration(setup.run.duration_s)}")  # noqa: E731
+    what = f" {setup.scene.name}, {_duration(setup.run.duration_s)}"
     with _on_bus(PLANT, asked) as address:
-        stats = roles.run_plant(setup, address, options, begin)
+        stats = roles.run_plant(setup, address, options, _says_when_ready(PLANT, what))
     _print_profile(stats)
     out.say(
         f"Complete: {setup.run.steps:,} steps in {stats['wall_s']:z.3f} s. The recorder has the "
@@ -90,7 +91,7 @@ def controller(
     if not anything_compiled():
         prepare.announce_compilation("the controller: about 10 s")
     with _on_bus(CONTROLLER, asked) as address:
-        stats = roles.run_controller(address, options, lambda: _begin(CONTROLLER), law)
+        stats = roles.run_controller(address, options, _says_when_ready(CONTROLLER), law)
     _print_profile(stats)
     out.say("Complete: the plant has ended the run. The recorder has the recording.")
 
@@ -111,13 +112,18 @@ def recorder(
     """
     outputs.check_recording(out_file, options.overwrite)
     with told_where(out_file), _on_bus(RECORDER, asked) as address:
-        roles.run_recorder(out_file, address, options, lambda: _begin(RECORDER))
+        roles.run_recorder(out_file, address, options, _says_when_ready(RECORDER))
     _print_recorded(out_file)
 
 
-def _begin(role: str, what: str = "") -> None:
-    """Say that the roles have met, and that the run begins."""
-    err.say(f"{role}: running{' ' * bool(what)}{what}")
+def _says_when_ready(role: str, what: str = "") -> Report:
+    """Return a report that says that the roles have met, and that the run begins."""
+
+    def report(**parts: object) -> None:
+        if "ready" in parts:
+            err.say(f"{role}: running{what}")
+
+    return report
 
 
 def _duration(duration_s: float) -> str:

@@ -15,7 +15,6 @@ from hertzloop.controller.law import ACTING, IDLE
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
 
-_SPAN = 1000  # steps
 MOST = 10_000  # events of one publisher that are listed
 
 
@@ -25,45 +24,6 @@ def _changes(flags: np.ndarray, before: bool) -> np.ndarray:
 
 
 StepEvent = tuple[int, Any, dict[str, Any]]  # step, level, fields of the message
-
-
-class LateForces:
-    """Reports forces that arrived after their step: one event for each span of _SPAN steps."""
-
-    def __init__(self, steps: int) -> None:
-        """`steps`: length of the run."""
-        self._steps, self._numbered = steps, 0
-        self._span = np.empty(0, np.int32)  # the present span, until now
-
-    def of(self, first_step: int, held: np.ndarray) -> Iterator[StepEvent]:
-        """Yield the events of a block; `held`: how many steps too old each command was."""
-        first, held = first_step - len(self._span), np.concatenate([self._span, held])
-        while len(held) and len(held) >= (length := min(_SPAN, self._steps - first)):
-            if np.any(held[:length]):
-                yield self._event(first, held[:length])
-            first, held = first + length, held[length:]
-        self._span = held
-
-    def _event(self, first: int, held: np.ndarray) -> StepEvent:
-        late = np.flatnonzero(held)
-        number, self._numbered = self._numbered + 1, self._numbered + len(late)
-        last = first + len(held) - 1
-        rows = np.split(late, np.flatnonzero(np.diff(late) > 1) + 1)
-        alone = len(late) == 1
-        return (
-            last,
-            Log.WARNING,
-            {
-                "kind": EventKind.FORCES_LATE,
-                "number": number,
-                "last_number": self._numbered,
-                "from_step": first + int(late[0]) if alone else first,
-                "to_step": first + int(late[0]) if alone else last,
-                "late_sequences": len(rows),
-                "longest_sequence": max(map(len, rows)),
-                "oldest_steps": int(np.max(held)),
-            },
-        )
 
 
 class _LimitedEvents:
@@ -90,12 +50,11 @@ class _LimitedEvents:
 
 
 class PlantEvents(_LimitedEvents):
-    """Contacts, saturation of the converter, and late forces."""
+    """Contacts, and saturation of the converter."""
 
     def __init__(self, setup: Setup) -> None:
         super().__init__("plant", setup)
         self._quantity = setup.scene.sensors.quantity
-        self._late = LateForces(setup.run.steps)
         self._touching = self._clipped = False
         self._contacts = 0
 
@@ -105,7 +64,6 @@ class PlantEvents(_LimitedEvents):
         gap: np.ndarray,
         first_sample: int,
         clipped: np.ndarray,
-        held: np.ndarray | None = None,
     ) -> Iterator[Event]:
         """Yield the events of a block in the order of their steps.
 
@@ -114,7 +72,6 @@ class PlantEvents(_LimitedEvents):
             gap: Gap above the permanent indentation, m, one a step.
             first_sample: First sample of the block.
             clipped: Whether the converter was saturated, one a sample.
-            held: As in `LateForces`.
         """
         touching = gap < 0.0
         found: list[StepEvent] = []
@@ -131,8 +88,6 @@ class PlantEvents(_LimitedEvents):
             found.append((step, level, {"kind": kind, "quantity": self._quantity}))
         self._touching = bool(touching[-1]) if len(touching) else self._touching
         self._clipped = bool(flags[-1]) if len(flags) else self._clipped
-        if held is not None:
-            found += self._late.of(first_step, held)
         found.sort(key=lambda one: one[0])
         yield from self._published(found, first_step + len(touching))
 

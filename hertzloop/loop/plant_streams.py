@@ -165,9 +165,8 @@ class PlantStreams:
             return
         truth = self.unsent.truth[:, : end - first]
         arrays = truth_columns(truth, self.setup, self.plant.spec.same_point)
-        held = None
         if self._held_steps is not None:
-            arrays["held_steps"] = held = self._held_steps[first:end]
+            arrays["held_steps"] = self._held_steps[first:end]
         header = TruthBlock(first_step=first, step_ns=self.setup.run.step_ns)
         self.publisher.send("truth", header, arrays)
         # Flags of samples up to here; a later sample belongs to the next block.
@@ -178,7 +177,6 @@ class PlantStreams:
             above_dent_m(self.plant.spec.contact, truth[XI], truth[DEEPEST]),
             self._flags_first,
             flags[:share],
-            held,
         ):
             self.publisher.send("events/plant", found)
         self._clipped, self._flags_first = [flags[share:]], self._flags_first + share

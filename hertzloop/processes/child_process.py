@@ -30,6 +30,7 @@ from hertzloop.processes.program import how_it_failed
 from hertzloop.processes.signals import INTERRUPTED, end_with_parent, install_handlers
 from hertzloop.recordings.writer import RecordingError
 
+_PROGRESS_S = 0.1  # between two reports of a step
 # What roles need. Imported before they are forked.
 MODULES = [
     "hertzloop.loop.controller_node",
@@ -223,12 +224,16 @@ class _Home(NamedTuple):
 
 def _be_role(home: _Home, pipe: Connection, waits: bool, work: Any, *arguments: object) -> NoReturn:
     """Do the work of a role in this process, report what came of it, and end the process."""
-    code = 1
+    code, told_s = 1, 0.0
 
     def report(**parts: object) -> None:
-        # How far it is may be left out while the launcher is stopped; the rest is little.
-        if "step" not in parts or select.select([], [pipe], [], 0.0)[1]:
-            pipe.send(parts)
+        nonlocal told_s
+        if "step" in parts:
+            # How far it is may be left out while the launcher is stopped; the rest is little.
+            if time.monotonic() - told_s < _PROGRESS_S or not select.select([], [pipe], [], 0.0)[1]:
+                return
+            told_s = time.monotonic()
+        pipe.send(parts)
 
     try:
         _settle(home)

@@ -37,7 +37,6 @@ _GRACE_S = 6.0  # for the others to notice a fault, close their files and leave 
 _PATIENCE_S = 5.0
 _LEAVE_S = 15.0  # for the others to do their part, once one has: all was recorded before
 _LOOK_S = 0.2
-_PROGRESS_S = 0.1  # between two reports of a step
 
 
 class RunFailed(RuntimeError):
@@ -160,7 +159,7 @@ class Launcher:
         self, child: ChildProcess, report: dict[str, Any], on_progress: Callable[[int], None]
     ) -> None:
         """Take in a report."""
-        if "open" in report:
+        if report.get("open") == PLANT:
             for program in (one for one in self.children if one.command):
                 program.pipe.send("begin")  # not every program tries to connect again
         if "step" in report:
@@ -242,20 +241,10 @@ def _play(
     """Play a role of a run in this process; return its statistics."""
     from hertzloop.processes import roles
 
-    opened = lambda: report(open=True) if role == PLANT else None  # noqa: E731
-    address = roles.BusAddress(listen, connect, wait_s=wait_s, on_open=opened)
-    ready = lambda: report(ready=True)  # noqa: E731
+    address = roles.BusAddress(listen, connect, wait_s=wait_s)
     if role == RECORDER:
-        return roles.run_recorder(recording, address, options, ready)
+        return roles.run_recorder(recording, address, options, report)
     if role == CONTROLLER:
-        return roles.run_controller(address, options, ready)
-    last_s = 0.0
-
-    def report_step(step: int) -> None:
-        nonlocal last_s
-        if time.monotonic() - last_s > _PROGRESS_S:
-            last_s = time.monotonic()
-            report(step=step)
-
+        return roles.run_controller(address, options, report)
     assert setup is not None
-    return roles.run_plant(setup, address, options, ready, report_step)
+    return roles.run_plant(setup, address, options, report)

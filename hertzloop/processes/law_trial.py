@@ -9,7 +9,6 @@ import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import lru_cache
-from mmap import mmap
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
@@ -19,7 +18,6 @@ from hertzloop.bus.sockets import own_folder
 from hertzloop.common.protocols import TrialImpact
 from hertzloop.controller.controller import Controller, SignalPath
 from hertzloop.controller.law import LawContext
-from hertzloop.controller.law_kernels import LAW_COUNTS, SAMPLES
 from hertzloop.controller.loading.bound import BoundLaw, BoundPython, LawFault
 from hertzloop.controller.loading.callbacks import LawTimeout, given_up_in_time
 from hertzloop.controller.loading.law import Law, LawError
@@ -41,12 +39,11 @@ _TIMED = 20  # samples whose cost is measured
 
 
 class _LawTrial(NamedTuple):
-    """A law, the samples it is tried with, and words that count those it has answered."""
+    """A law, and the samples it is tried with."""
 
     bound: BoundLaw
     samples: np.ndarray
     step_s: float
-    counts: np.ndarray
 
 
 def try_law(setup: Setup) -> str:
@@ -100,8 +97,7 @@ def _trial(law: Law, setup: Setup) -> _LawTrial:
             raise SceneError(
                 f"law {law.name}: prepare returns other constants the second time. {remedy}"
             )
-    counts = np.frombuffer(mmap(-1, 8 * LAW_COUNTS), np.int64)  # a child process writes them
-    return _LawTrial(bound_law(setup, True), impact_samples(setup, about), setup.run.step_s, counts)
+    return _LawTrial(bound_law(setup, True), impact_samples(setup, about), setup.run.step_s)
 
 
 def _values(constants: Any) -> list[bytes]:
@@ -161,8 +157,7 @@ def _forces(trial: _LawTrial, beyond: float) -> np.ndarray:
     is given. Raises LawFault, for a law that changes its samples as well."""
     controller = Controller(trial.bound, SignalPath(), trial.step_s, _SAMPLES + 1, 1, 0)
     history = np.full(3 * (_SAMPLES + 1), beyond)[_SAMPLES + 1 : 2 * (_SAMPLES + 1)]
-    trial.counts[:] = controller.law_state.counts
-    controller.law_state = controller.law_state._replace(history=history, counts=trial.counts)
+    controller.law_state = controller.law_state._replace(history=history)
     forces = answering.answer_samples(controller, trial.samples).forces.copy()
     changed = np.flatnonzero(history[:_SAMPLES] != trial.samples)
     if len(changed):
@@ -193,9 +188,8 @@ def _problem_in_child(trial: _LawTrial) -> str:
             child.kill()
             child.join()
     return (
-        f"law {name}: did not answer {_SAMPLES} samples three times within {_PATIENCE_S:g} s; it "
-        f"came to sample {trial.counts[SAMPLES] - 1}. Check it for an endless loop, or let it do "
-        "less."
+        f"law {name}: did not answer {_SAMPLES} samples three times within {_PATIENCE_S:g} s. "
+        "Check it for an endless loop, or let it do less."
     )
 
 

@@ -1,14 +1,14 @@
 """The three processes of a run over zenoh, each as one function: role, port, loop, end.
 
-Every function returns statistics of its part, or raises BusError, StreamFault, RecordingError or
-Interrupted with one sentence.
+Every function reports how far it is, and returns statistics of its part, or raises BusError,
+StreamFault, RecordingError or Interrupted with one sentence.
 """
 
 import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +22,7 @@ from hertzloop.common.sanitize import visible
 from hertzloop.loop import stuck_law
 from hertzloop.loop.repeated_run import repeated_run
 from hertzloop.loop.run_options import RunOptions
+from hertzloop.processes.child_process import Report
 from hertzloop.processes.program import BUS_NAME
 from hertzloop.processes.realtime import RealtimeProfile
 from hertzloop.processes.signals import INTERRUPTED, Interrupted, ending_signals
@@ -52,21 +53,16 @@ class BusAddress:
         connect: Endpoints to connect to.
         zenoh_config: A zenoh configuration, as a JSON5 file.
         wait_s: Longest wait for the other processes to appear, s.
-        on_open: Called once others can connect.
     """
 
     listen: Sequence[str] = ()
     connect: Sequence[str] = ()
     zenoh_config: Path | None = None
     wait_s: float = 60.0
-    on_open: Callable[[], None] = lambda: None
 
-    def open(self, role: str, options: RunOptions) -> ZenohPort:
-        """Join the bus. Raises BusError."""
-        where = (self.listen, self.connect, self.zenoh_config)
-        port = ZenohPort(role, options.name or BUS_NAME, *where, options.timeout_s)
-        self.on_open()
-        return port
+
+def _unheard(**_: object) -> None:
+    """Report to nobody."""
 
 
 def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
@@ -82,14 +78,18 @@ def _say(sentence: str) -> None:
 
 
 @contextmanager
-def _joined(address: BusAddress, role: str, options: RunOptions) -> Iterator[ZenohPort]:
+def _joined(
+    address: BusAddress, role: str, options: RunOptions, report: Report
+) -> Iterator[ZenohPort]:
     """Join the bus, and leave it after the recorder, so that nothing sent is lost.
 
     A signal makes the next wait raise Interrupted; a second one, or a role that does not get to
     its next wait because another hangs, ends the process at once.
     """
     opened_s = time.monotonic()
-    port = address.open(role, options)
+    where = (address.listen, address.connect, address.zenoh_config)
+    port = ZenohPort(role, options.name or BUS_NAME, *where, options.timeout_s)
+    report(open=role)
 
     def exit_now() -> None:
         _say(f"{role} was interrupted, and left before its part was complete")
@@ -132,8 +132,7 @@ def run_plant(
     setup: Setup,
     address: BusAddress,
     options: RunOptions,
-    on_ready: Callable[[], None] = lambda: None,
-    on_progress: Callable[[int], None] = lambda step: None,
+    report: Report = _unheard,
 ) -> dict[str, Any]:
     """The plant process: waits for the others, runs the scene, in lock-step, perhaps as a repeat of
     a recorded run, or at a pace; says how fast that went."""
@@ -142,19 +141,19 @@ def run_plant(
 
     repeat = repeated_run(read(options.repeat)) if options.repeat else None
     profile = RealtimeProfile(options.realtime, PLANT)
-    with _joined(address, PLANT, options) as port:
+    with _joined(address, PLANT, options, report) as port:
         node = PlantNode(
             setup,
             port,
             options.model_copy(update={"timeout_s": _WAITS[PLANT] * options.timeout_s}),
-            on_progress,
+            lambda step: report(step=step),
             repeat,
             wait_s=address.wait_s,
             every_s=0.0 if options.pace else EVERY_S,
         )
         port.liveliness.announce()
         port.liveliness.wait_for([CONTROLLER, RECORDER], address.wait_s)
-        on_ready()
+        report(ready=True)
         try:
             with profile.loop():
                 stats = node.run()
@@ -169,7 +168,7 @@ def run_plant(
 def run_controller(
     address: BusAddress,
     options: RunOptions,
-    on_ready: Callable[[], None] = lambda: None,
+    report: Report = _unheard,
     law: str | None = None,
 ) -> dict[str, Any]:
     """The controller process: answers samples until the plant announces its end, by the law that
@@ -177,11 +176,11 @@ def run_controller(
     from hertzloop.loop.controller_node import ControllerNode
 
     profile = RealtimeProfile(options.realtime, CONTROLLER)
-    with _joined(address, CONTROLLER, options) as port:
+    with _joined(address, CONTROLLER, options, report) as port:
         node = ControllerNode(port, law=law, shared_memory=options.shared_memory)
         port.liveliness.announce()
         port.liveliness.wait_for([PLANT, RECORDER], address.wait_s)
-        on_ready()
+        report(ready=True)
         try:
             with profile.loop():
                 busy_s = _answer_all(node, address.wait_s, _WAITS[CONTROLLER] * options.timeout_s)
@@ -246,16 +245,16 @@ def run_recorder(
     path: Path,
     address: BusAddress,
     options: RunOptions,
-    on_ready: Callable[[], None] = lambda: None,
+    report: Report = _unheard,
 ) -> dict[str, Any]:
     """The recorder process: writes everything down until both roles have ended."""
     profile = RealtimeProfile(options.realtime, RECORDER)
     started = time.monotonic()
-    with _joined(address, RECORDER, options) as port:
+    with _joined(address, RECORDER, options, report) as port:
         with _recording(Recorder(path, options.overwrite, options.note)) as recorder:
             port.liveliness.announce()
             port.liveliness.wait_for([PLANT, CONTROLLER], address.wait_s)
-            on_ready()
+            report(ready=True)
             started_s = time.monotonic()
             with profile.loop():
                 # The run begins with the first forces: the controller may compile its law before.

@@ -206,15 +206,6 @@ def test_an_event_at_no_time_of_a_run(seconds, nanos):
     refused(sent, f"stream 'events/plant' sequence 1 has an event at {seconds} s and {nanos} ns")
 
 
-def test_an_event_after_the_runs_end():
-    """12 steps of 1 us; also when the event comes before the run is announced."""
-    sent = plant_says()
-    place = places(sent, "events/plant")[2]
-    late = replace(sent[place], payload=event_at(0, 12_001).SerializeToString())
-    refused([*sent[:place], late], "an event came for 12001 ns, the run ends at 12000 ns")
-    refused([replace(late, sequence=0), sent[0]], "an event came for 12001 ns, the run ends at")
-
-
 @pytest.mark.parametrize(
     ("stream", "change", "words"),
     [

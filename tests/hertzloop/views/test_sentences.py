@@ -5,28 +5,12 @@ from typing import Any
 from hertzloop.bus import events
 from hertzloop.bus.messages_pb2 import EventKind as Kind
 
-LATE = {
-    "from_step": 5,
-    "to_step": 5,
-    "late_sequences": 1,
-    "longest_sequence": 1,
-    "oldest_steps": 3,
-}
 EVENTS: list[tuple[dict[str, Any], str]] = [
     ({"kind": Kind.TEXT, "message": "of another controller"}, "of another controller"),
     ({"kind": Kind.CONTACT_BEGAN, "number": 7}, "contact 7 began"),
     ({"kind": Kind.CONTACT_ENDED, "number": 7}, "contact 7 ended"),
     ({"kind": Kind.RANGE_LEFT, "quantity": "xi"}, "xi left the converter's range"),
     ({"kind": Kind.RANGE_REGAINED, "quantity": "v_p"}, "v_p is back in the converter's range"),
-    (
-        {"kind": Kind.FORCES_LATE, "number": 4, "last_number": 4, **LATE},
-        "late force 4: the force of step 2 acted in step 5",
-    ),
-    (
-        {"kind": Kind.FORCES_LATE, "number": 4, "last_number": 9, **LATE, "to_step": 99},
-        "late forces 4 to 9: 6 of the steps 5 to 99 used an older force, in 1 sequences of at most "
-        "1 steps; the oldest force was 3 steps old",
-    ),
     ({"kind": Kind.LAW_MODE, "mode_before": 0, "mode": 1}, "law idle -> watching"),
     (
         {"kind": Kind.LAW_MODE, "mode_before": 1, "mode": 2, "delay_ns": 11_500},
