@@ -18,8 +18,6 @@ from hertzloop.scene.tables import (
     SensorsTable,
 )
 
-_DAMPING = ActuatorTable().damping
-_OF_FAULT = [key for key in SensorsTable.model_fields if key.startswith("fault_")]
 _EDGE = 1e-4  # of a side; nearer to it a point force moves no mode by more than rounding
 _MOST_STEPS = 20_000_000
 _NARROWEST = 1e-12  # range of a converter, in the unit of its quantity
@@ -209,8 +207,26 @@ def _waits_twice(s: Any) -> bool:
     return has_clock and control.latency_trace is not None and not from_tick
 
 
-def _without_fault(s: Any) -> bool:
-    return s.sensors.fault is None and any(getattr(s.sensors, key) is not None for key in _OF_FAULT)
+# Keys that have an effect only beside another one.
+_BESIDE = {
+    "actuator.damping": "actuator.bandwidth_hz",
+    "controller.latency_trace_use": "controller.latency_trace",
+    "controller.latency_trace_from": "controller.latency_trace",
+    "sensors.low_pass": "sensors.low_pass_hz",
+    "sensors.low_pass_order": "sensors.low_pass_hz",
+    "sensors.resonance_damping": "sensors.resonance_hz",
+    **{f"sensors.{k}": "sensors.fault" for k in SensorsTable.model_fields if k[:6] == "fault_"},
+}
+
+
+def _idle(s: Any) -> tuple[str, str] | None:
+    """A key that has no effect without another one, and that one."""
+    for key, other in _BESIDE.items():
+        table, _, name = key.partition(".")
+        default = type(getattr(s, table)).model_fields[name].default
+        if _value(s, other) is None and _value(s, key) != default:
+            return key, other
+    return None
 
 
 def _senses(s: Any) -> list[str]:
@@ -258,6 +274,7 @@ RULES = [
         "or name the material.",
     ),
     Rule("", _unsupported, "not supported by {x}"),
+    Rule("", _idle, "has no effect without {x}. Leave the key out, or set {x}."),
     Rule(
         "contact.plasticity",
         _yields_unknown,
@@ -269,11 +286,6 @@ RULES = [
         lambda s: s.contact.limiting_pressure_pa is not None and s.contact.plasticity == "none",
         "has no effect with contact.plasticity = 'none'. Leave the key out, or set "
         "contact.plasticity = 'thornton'.",
-    ),
-    Rule(
-        "actuator.damping",
-        lambda s: s.actuator.bandwidth_hz is None and s.actuator.damping != _DAMPING,
-        "has no effect without actuator.bandwidth_hz. Leave the key out, or set it.",
     ),
     Rule(
         "plate.tail",
@@ -325,16 +337,6 @@ RULES = [
         lambda s: s.controller.latency_trace == (),
         "is empty. Give at least one latency, us.",
     ),
-    *(
-        Rule(
-            f"controller.{key}",
-            lambda s, key=key: (  # type: ignore[misc]
-                getattr(s.controller, key) and s.controller.latency_trace is None
-            ),
-            "has no effect without controller.latency_trace. Give a trace, or remove the key.",
-        )
-        for key in ("latency_trace_use", "latency_trace_from")
-    ),
     Rule(
         "controller.latency_trace",
         _waits_twice,
@@ -347,25 +349,6 @@ RULES = [
         lambda s: s.sensors.point_m is not None and SENSED[s.sensors.quantity].elsewhere is None,
         "sensors.quantity = '{s.sensors.quantity}' is one of the contact. Remove the key, or use "
         "'v_p' or 'acceleration'.",
-    ),
-    Rule(
-        "sensors.low_pass_hz",
-        lambda s: (
-            s.sensors.low_pass_hz is None
-            and (s.sensors.low_pass != "butterworth" or s.sensors.low_pass_order > 1)
-        ),
-        "is missing beside the kind or order of the low-pass. Give its cut-off frequency.",
-    ),
-    Rule(
-        "sensors.resonance_damping",
-        lambda s: s.sensors.resonance_damping is not None and s.sensors.resonance_hz is None,
-        "has no effect without sensors.resonance_hz. Give the natural frequency, or remove the "
-        "key.",
-    ),
-    Rule(
-        "sensors.fault",
-        _without_fault,
-        "is missing beside other keys of a fault. Say which fault.",
     ),
     Rule(
         "sensors.fault",

@@ -72,7 +72,7 @@ ANSWERS = {
     "run --transport inprocess --no-shared-memory": "--no-shared-memory: has no effect with --tr",
     "run --transport compiled --realtime on": "--realtime = on: has no effect with --transport",
     "run --transport compiled --port 7450": "--port = 7450: has no effect with --transport",
-    "run --set sensors.resonance_damping=0.1": "has no effect without sensors.resonance_hz. Give",
+    "run --set sensors.resonance_damping=0.1": "has no effect without sensors.resonance_hz. Leave",
     "run --set controller.latency_trace_use=replay": "effect without controller.latency_trace",
     "run --set controller.latency_trace=[]": "controller.latency_trace = []: is empty. Give",
     "sweep --over run.seed=1,2 --seed 3": "--seed = 3: the sweep varies run.seed. Remove one",

@@ -86,7 +86,7 @@ REFUSED = {
         "not supported by run.scheme = 'thesis2008'",
         # Sensor, clock and actuator.
         "sensors.fault=offset": "needs sensors.fault_size",
-        "sensors.fault_size=1": "sensors.fault: is missing",
+        "sensors.fault_size=1": "has no effect without sensors.fault. Leave",
         "controller.clock_ppm=1e6": "controller.clock_ppm",
         "controller.clock_phase=1": "controller.clock_phase",
         "controller.clock_phase=-0.1": "controller.clock_phase",
