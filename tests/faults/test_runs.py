@@ -8,12 +8,7 @@ import pytest
 
 from hertzloop.processes import child_process
 from hertzloop.processes.child_process import ChildProcess, failure_cause
-from tests.faults.inflict import (
-    CLOSED,
-    LAUNCHER,
-    Fault,
-    inflict,
-)
+from tests.faults.runs import CLOSED, LAUNCHER, Fault, inflict
 from tests.tiers import default
 
 FAULTS = [
