@@ -1,29 +1,15 @@
-"""Hosts on a network, on one machine: namespaces, and a thread that carries their packets.
+"""Hosts on a network, on one machine: namespaces, each joined by a cable to a switch."""
 
-Each host has a TUN device of its own; what it sends, the thread gives to the host that it is
-for, late or not at all as the test asks. That needs nothing of the kernel but TUN, while `tc netem`
-is a module that many kernels lack.
-"""
-
-import ctypes
-import fcntl
-import heapq
 import itertools
 import os
-import random
-import select
-import socket
-import struct
 import subprocess
 import sys
-import threading
-import time
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 
 import pytest
 
-_NEWNET, _TUNSETIFF, _TUN_WITHOUT_HEADER = 0x40000000, 0x400454CA, 0x1001
-_DEVICE, _MTU = "cable", 9000
+_CABLE, _SWITCH = "cable", "switch"
+_NOBODY = "02:00:00:00:00:01"  # the hardware address of no host
 _numbers = itertools.count()
 
 
@@ -31,78 +17,41 @@ def _ip(*words: str) -> None:
     subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
 
 
-def _tun_within(namespace: str) -> int:
-    """A TUN device in a namespace; it lasts as long as this handle. A thread enters, since all of
-    its sockets and devices belong there from then on."""
-    found: list[int | OSError] = []
-
-    def enter() -> None:
-        libc = ctypes.CDLL(None, use_errno=True)
-        try:
-            with open(f"/run/netns/{namespace}") as there:
-                if libc.setns(there.fileno(), _NEWNET):
-                    raise OSError(ctypes.get_errno(), "setns")
-            handle = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
-            name = struct.pack("16sH22x", _DEVICE.encode(), _TUN_WITHOUT_HEADER)
-            fcntl.ioctl(handle, _TUNSETIFF, name)
-            found.append(handle)
-        except OSError as error:
-            found.append(error)
-
-    thread = threading.Thread(target=enter)
-    thread.start()
-    thread.join()
-    if isinstance(found[0], OSError):
-        raise found[0]
-    return found[0]
-
-
 class Network:
-    """Hosts by name; `delay_s` and `loss` (a share) hold for every packet, `cut` for pairs."""
+    """Hosts by name."""
 
     def __init__(self, hosts: list[str]) -> None:
-        self.delay_s, self.loss = 0.0, 0.0
-        self.lost = 0
-        self.cut: set[frozenset[str]] = set()
-        self._stack, self._random = ExitStack(), random.Random(1)
-        self._started: list[subprocess.Popen] = []
-        self._names: dict[str, str] = {}
-        self._devices: dict[str, int] = {}
-        self._address: dict[bytes, str] = {}
-        self._late: list[tuple[float, int, int, bytes]] = []
+        self._stack, self._started = ExitStack(), list[subprocess.Popen]()
+        self._places = {host: place for place, host in enumerate(hosts, start=1)}
+        self._name = f"hertzloop-{os.getpid()}-{next(_numbers)}"
         try:
-            for place, host in enumerate(hosts, start=1):
-                self._join(host, f"10.77.0.{place}")
-            self._end, end = os.pipe()
-            self._stack.callback(os.close, self._end)
-            thread = threading.Thread(target=self._carry, daemon=True)
-            thread.start()
-            self._stack.callback(thread.join)
-            self._stack.callback(os.close, end)
+            for place in (0, *self._places.values()):  # the first one holds the switch
+                _ip("netns", "add", f"{self._name}-{place}")
+                self._stack.callback(_ip, "netns", "del", f"{self._name}-{place}")
+            self._within(0, "link", "add", _SWITCH, "type", "bridge")
+            self._within(0, "link", "set", _SWITCH, "up")
+            for host, place in self._places.items():
+                port = ("peer", "name", f"port{place}", "netns", f"{self._name}-0")
+                self._within(place, "link", "add", _CABLE, "type", "veth", *port)
+                self._within(0, "link", "set", f"port{place}", "master", _SWITCH, "up")
+                self._within(place, "addr", "add", f"{self.address(host)}/24", "dev", _CABLE)
+                for device in ("lo", _CABLE):
+                    self._within(place, "link", "set", device, "up")
         except BaseException:
             self.close()
             raise
 
-    def _join(self, host: str, address: str) -> None:
-        name = f"hertzloop-{os.getpid()}-{next(_numbers)}"
-        _ip("netns", "add", name)
-        self._stack.callback(_ip, "netns", "del", name)
-        device = _tun_within(name)
-        self._stack.callback(os.close, device)
-        _ip("-n", name, "addr", "add", f"{address}/24", "dev", _DEVICE)
-        _ip("-n", name, "link", "set", _DEVICE, "up", "mtu", str(_MTU))
-        _ip("-n", name, "link", "set", "lo", "up")
-        self._names[host], self._devices[host] = name, device
-        self._address[socket.inet_aton(address)] = host
+    def _within(self, place: int, *words: str) -> None:
+        _ip("-n", f"{self._name}-{place}", *words)
 
     def address(self, host: str) -> str:
         """Where a host is."""
-        return next(socket.inet_ntoa(a) for a, name in self._address.items() if name == host)
+        return f"10.77.0.{self._places[host]}"
 
     def start(self, host: str, *words: str, **more: object) -> subprocess.Popen:
         """Start a program of Python's on a host."""
         process = subprocess.Popen(
-            ["ip", "netns", "exec", self._names[host], sys.executable, *words],
+            ["ip", "netns", "exec", f"{self._name}-{self._places[host]}", sys.executable, *words],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -111,31 +60,11 @@ class Network:
         self._started.append(process)
         return process
 
-    def _carry(self) -> None:
-        owner = {device: host for host, device in self._devices.items()}
-        count = itertools.count()
-        while True:
-            wait_s = max(0.0, self._late[0][0] - time.monotonic()) if self._late else None
-            ready, _, _ = select.select([*owner, self._end], [], [], wait_s)
-            if self._end in ready:
-                return
-            for device in ready:
-                with suppress(OSError):
-                    packet = os.read(device, 65536)
-                    to = self._address.get(packet[16:20]) if packet[0] >> 4 == 4 else None
-                    if to is None:
-                        continue
-                    if frozenset((owner[device], to)) in self.cut:
-                        continue
-                    if self._random.random() < self.loss:
-                        self.lost += 1
-                        continue
-                    due = time.monotonic() + self.delay_s
-                    heapq.heappush(self._late, (due, next(count), self._devices[to], packet))
-            while self._late and self._late[0][0] <= time.monotonic():
-                _, _, device, packet = heapq.heappop(self._late)
-                with suppress(OSError):  # a full queue loses packets, as it does elsewhere
-                    os.write(device, packet)
+    def cut(self, one: str, other: str) -> None:
+        """Let no packet of two hosts reach the other from now on."""
+        for host, peer in ((one, other), (other, one)):
+            lost = (self.address(peer), "lladdr", _NOBODY, "dev", _CABLE, "nud", "permanent")
+            self._within(self._places[host], "neigh", "replace", *lost)
 
     def close(self) -> None:
         """End all hosts, and what still runs there."""
@@ -151,4 +80,4 @@ def network(hosts: list[str]) -> Network:
         return Network(hosts)
     except (OSError, subprocess.CalledProcessError) as error:
         why = getattr(error, "stderr", None) or error
-        pytest.skip(f"network namespaces with TUN devices are not to be had here: {why}")
+        pytest.skip(f"network namespaces are not to be had here: {why}")
