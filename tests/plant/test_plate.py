@@ -142,17 +142,3 @@ def test_all_modes_ring_down_in_closed_form(apart):
     # Rounding of a few hundred additions and of 400 rotations.
     np.testing.assert_allclose(rows.xi_p[1:], x, atol=1e-12 * abs(x).max(), rtol=0.0)
     np.testing.assert_allclose(rows.v_p[1:], v, atol=1e-12 * abs(v).max(), rtol=0.0)
-
-
-def test_mobility_of_the_infinite_plate_until_reflections_return():
-    # At 250 kHz and below, waves travel at most 2 sqrt(w) (B'/m'')^(1/4) = 5.5 km/s: 1 m to the
-    # edge and back takes 360 us.
-    plant = flying(ModalPlant(spec(size_m=(2.0, 2.0), loss_factor=0.0, limit_hz=250e3)))
-    rows = run(plant, 200, np.ones(200))
-    mobility = 1.0 / plant.spec.plate.infinite_plate_impedance_n_s_m
-    assert plant.spec.plate.infinite_plate_impedance_n_s_m == pytest.approx(308.0, abs=0.5)
-    # Leaving out modes makes the velocity ring at 250 kHz; the mean over whole periods of
-    # 4 us is free of it but for the ring's decay, 2/(pi w t) at its start.
-    mean = rows.v_p[41:201].mean()
-    print(f"mobility: {mean / mobility - 1:.2e} off")
-    assert mean == pytest.approx(mobility, rel=2.0 / (np.pi * 2.0 * np.pi * 250e3 * 40e-6))

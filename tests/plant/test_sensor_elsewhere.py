@@ -4,14 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks.margin import beside_the_contact
-from hertzloop.closed_loop.parts import series_under
 from hertzloop.fitting.errors import RecordError
 from hertzloop.fitting.fit.impact_simulator import ImpactSimulator
 from hertzloop.fitting.fit.problem_preparation import with_measuring_point
 from hertzloop.fitting.records.record import Record
-from hertzloop.loop.simulate import simulate
-from hertzloop.plant import time_series as ts
-from hertzloop.plant.plant import modes_of
 from hertzloop.plant.state_kernels import F_C, FLIGHT_V, FLIGHT_X, SENSOR_A, SENSOR_V, V_P
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.build import build_plant
@@ -67,40 +63,6 @@ def test_a_sensor_elsewhere_sees_what_the_contact_there_would_feel(settings):
     assert np.abs(velocity - expected).max() < 1e-12 * np.abs(expected).max()
     rate = np.diff(velocity, prepend=0.0) / setup.run.step_s
     assert np.abs(acceleration - rate).max() < 1e-12 * np.abs(rate).max()
-
-
-@pytest.mark.full
-def test_the_contact_force_moves_the_sensor_as_the_modes_say():
-    setup = load(
-        "aluminium-3mm",
-        [
-            f"plate.contact_point_m={AT}",
-            SENSOR,
-            "controller.law=off",
-            "sensors.quantity=v_p",
-            "run.duration_s=0.0016",
-        ],
-    )
-    done = simulate(setup)
-    modes = modes_of(setup.plant)
-    theta = modes.omega * np.sqrt(1.0 - modes.eta**2 / 4.0)
-    # The force of every step, F_0 + F_1 P, from Gauss's nodes; velocity of every mode by its law.
-    nodes, weights = np.polynomial.legendre.leggauss(8)
-    step_s, steps = setup.run.step_s, done.truth.shape[1]
-    at = (np.arange(steps)[:, None] + 0.5 * (nodes + 1.0)) * step_s
-    force = -(done.truth[ts.F_C][:, None] + done.truth[ts.F_C1][:, None] * nodes)
-    impulse = 0.5 * step_s * weights * force
-    last = steps * step_s
-    late = last - at[impulse.any(axis=1)]
-    push = impulse[impulse.any(axis=1)]
-    velocity = 0.0
-    for w, o, c, s in zip(theta, modes.omega, modes.contact, modes.sensor, strict=True):
-        delta = 0.5 * modes.eta * o
-        answer = np.exp(-delta * late) * (np.cos(w * late) - delta / w * np.sin(w * late))
-        velocity += modes.scale_per_kg * c * s * float(np.sum(push * answer))
-    plant = build_plant(setup)
-    series_under(plant, np.zeros(steps))
-    assert plant.state.body[SENSOR_V] == pytest.approx(velocity, rel=1e-9)
 
 
 def table(with_sensor: bool) -> ModeTable:

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from benchmarks.zener import solved, zener_impact
-from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness, rigid_contact_time_s
+from hertzloop.plant.contact.hertz import Contact, Sphere, hertz_stiffness
 from hertzloop.plant.estimates import criteria
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
@@ -62,14 +62,6 @@ def test_static_difference(number, integral):
     )
 
 
-def test_static_difference_is_a_logarithm_at_long_waves():
-    plate = Plate(ALUMINIUM, (1.0, 1.0), 0.003)
-    unit = math.pi * ALUMINIUM.plane_strain_modulus_pa * 0.003
-    for number in (0.09, 0.01):
-        found = criteria.static_difference_m_n(plate, number) * unit
-        assert found == pytest.approx(1.2 * math.log(0.40 / number), rel=0.05)
-
-
 def test_errors_of_solved_impacts():
     """Peak forces and energies that were off by 1 and 2.4 per cent."""
     thin = _expected_error(*_impact(0.003, 0.0015, 0.05))
@@ -77,13 +69,6 @@ def test_errors_of_solved_impacts():
     thick = _expected_error(*_impact(0.003, 0.003, 0.05))
     assert 0.024 <= thick.plate_energy <= 0.04
     assert 0.015 <= thick.rebound_speed <= 0.02
-
-
-def test_zener_on_a_rigid_plate_is_hertz():
-    sphere, plate, contact = _impact(0.003, 1.0, 0.05)
-    found = zener_impact(sphere, plate, contact)
-    rigid = rigid_contact_time_s(sphere.mass_kg, contact.stiffness, sphere.impact_speed_m_s)
-    assert found.contact_s == pytest.approx(rigid, rel=1e-4)
 
 
 @pytest.mark.parametrize("number", [0.0, 0.1, 1.0, 15.0])
