@@ -6,6 +6,7 @@ Prints those that no test notices as diffs, and a table by folder.
 """
 
 import argparse
+import ast
 import difflib
 import os
 import random
@@ -15,21 +16,140 @@ import signal
 import subprocess
 import sys
 import tempfile
+import warnings
 from collections import Counter
+from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
+from cosmic_ray.ast import ast_nodes, get_ast
+from cosmic_ray.mutating import MutationVisitor
+from cosmic_ray.operators.provider import OperatorProvider
+from parso.tree import NodeOrLeaf
 
-from tests.mutants.listing import Mutation, draw, mutated, mutations, sources
+from hertzloop.common.jit.folder import kernel_sources
 from tests.tables import markdown
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+ROOT = Path(__file__).resolve().parent.parent
 OUTCOMES = ("killed", "timed out", "survived")
 _NOT_COPIED = (".git", "__pycache__", ".*_cache", ".venv", "venv", ".hypothesis")
 _MARK = "HERTZLOOP_MUTANTS"  # in the environment of all that a test starts, and its children
 _LIMIT_S = 1200.0  # of the tests of a folder; each has the limit of its own of the test suite
 _CHECKS = "tests/test_checks.py"  # fails for the form of a mutant, whatever it does
+
+
+# Operators that need to be told two variables, and then insert random numbers, are left out.
+OPERATORS = {
+    name: OperatorProvider()[name]
+    for name in OperatorProvider()
+    if not OperatorProvider()[name].arguments()
+}
+_PUNCTUATION = (*"()[]{},.:=", "->")
+_FOR_TYPE_CHECKERS = {"overload", "override", "final"}  # decorators
+_OF_A_LAW = {"command", "command_ahead", "known_ahead", "trigger_level"}  # compiled with a loop
+
+
+@dataclass(frozen=True, order=True)
+class Mutation:
+    """One change: which occurrence of what an operator finds in a file; `path` is beside the
+    root of the sources."""
+
+    path: str
+    line: int
+    operator: str
+    occurrence: int
+
+
+def sources(root: Path, folder: str) -> list[str]:
+    """Files below `folder` that mutations are made of: neither generated nor compiled code."""
+    compiled = kernel_sources()
+    found = (path.relative_to(root).as_posix() for path in (root / folder).rglob("*.py"))
+    return sorted(
+        path
+        for path in found
+        if not {path, f"hertzloop/{path}"} & compiled.keys()
+        and not path.endswith(("_pb2.py", "kernels.py"))
+    )
+
+
+def mutations(root: Path, path: str) -> list[Mutation]:
+    """All mutations of a file."""
+    nodes = [node for node in ast_nodes(get_ast((root / path).read_text())) if not _inert(node)]
+    found = []
+    for name, operator in OPERATORS.items():
+        places = (at for node in nodes for at, _ in operator().mutation_positions(node))
+        found += [Mutation(path, at[0], name, number) for number, at in enumerate(places)]
+    return found
+
+
+def mutated(text: str, mutation: Mutation) -> str | None:
+    """The changed text of a file; None if that is no Python, or does the same but for compiled
+    functions."""
+    changed = MutationVisitor.mutate_code(text, OPERATORS[mutation.operator](), mutation.occurrence)
+    try:
+        with warnings.catch_warnings(action="ignore"):  # as of "is" with a number
+            compile(changed or "", mutation.path, "exec", dont_inherit=True)
+        before, after = ast.parse(text), ast.parse(changed or text)
+    except SyntaxError:
+        return None
+    compiled = {
+        node.name
+        for node in ast.walk(before)
+        if isinstance(node, ast.FunctionDef) and "kernel" in map(_name, node.decorator_list)
+    }
+    program = _Program(_OF_A_LAW | compiled)
+    same = ast.dump(program.visit(before)) == ast.dump(program.visit(after))
+    return None if same else changed
+
+
+class _Program(ast.NodeTransformer):
+    """Leaves of a module what has an effect when it runs, without functions of some names."""
+
+    def __init__(self, left_out: set[str]) -> None:
+        self.left_out = left_out
+
+    def visit_arg(self, node: ast.arg) -> ast.arg:
+        node.annotation = None
+        return node
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        node.annotation = ast.Constant("")
+        return self.generic_visit(node)
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST | None:
+        node.returns = None
+        node.decorator_list = [d for d in node.decorator_list if _name(d) not in _FOR_TYPE_CHECKERS]
+        return None if node.name in self.left_out else self.generic_visit(node)
+
+    def visit_If(self, node: ast.If) -> ast.AST | None:
+        return None if _name(node.test) == "TYPE_CHECKING" else self.generic_visit(node)
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        return self.generic_visit(node.args[1] if _name(node.func) == "cast" else node)
+
+
+def draw(found: list[Mutation], seed: str) -> Iterator[Mutation]:
+    """One mutation a line, the lines in random order: a line with many operators, each of which
+    can be replaced by eleven others, counts like any other."""
+    chance = random.Random(seed)
+    lines: dict[tuple[str, int], list[Mutation]] = {}
+    for mutation in sorted(found):
+        lines.setdefault((mutation.path, mutation.line), []).append(mutation)
+    for line in chance.sample(sorted(lines), len(lines)):
+        yield chance.choice(lines[line])
+
+
+def _inert(node: NodeOrLeaf) -> bool:
+    """Whether no operator changes a node, as most of them: said here, it is asked once."""
+    return node.type in ("name", "string", "newline") or (
+        node.type == "operator" and node.value in _PUNCTUATION
+    )
+
+
+def _name(node: ast.expr) -> str:
+    return getattr(node, "attr", "") or getattr(node, "id", "")
 
 
 def table(found: dict[str, Counter[str]]) -> str:
