@@ -1,7 +1,7 @@
 """A drop on a simply supported plate by other means: steps of 50 ns, all modes to 2 MHz.
 
-The modes above are a spring. `Drop` shares nothing with the package: materials, modes, contact and
-yielding are written out here.
+The modes above are a spring. `Drop` shares nothing with the package: materials, modes and
+contact are written out here.
 """
 
 import math
@@ -29,24 +29,21 @@ PLATES = {
 
 @dataclass(frozen=True)
 class Drop:
-    """A drop; SI units. `pressure`: limiting pressure of a contact that yields, None of an elastic
-    one."""
+    """A drop with an elastic contact; SI units."""
 
     radius: float = 3e-3
     height: float = 0.05
     thickness: float = 3e-3
     loss_factor: float = 1e-3
-    pressure: float | None = None
     size: float = 0.5
     of_ball: tuple[float, float, float] = (210e9, 7800.0, 0.31)
     of_plate: tuple[float, float, float] = (7.2e10, 2700.0, 0.34)
-    factor: float = 1.0
 
     def simulate(self, duration: float, step: float = 50e-9, highest: float = 2e6):
         """Times after the touch (s), contact force (N) and plate velocity (m/s, up)."""
         e1, rho1, nu1 = self.of_ball
         e2, rho2, nu2 = self.of_plate
-        star = 1.0 / ((1 - nu1**2) / e1 + (1 - nu2**2) / e2) * self.factor
+        star = 1.0 / ((1 - nu1**2) / e1 + (1 - nu2**2) / e2)
         s = 4.0 / 3.0 * star * math.sqrt(self.radius)
         mass = 4.0 / 3.0 * math.pi * self.radius**3 * rho1
         bending = e2 * self.thickness**3 / 12.0 / (1 - nu2**2)
@@ -73,54 +70,35 @@ class Drop:
         # The modes above are a spring: 2 Y/(pi w) of an infinite plate.
         spring = 2.0 / (math.pi * 8.0 * math.sqrt(bending * per_area) * 2 * math.pi * highest)
         gain = float(np.sum(late.imag / theta)) + step * step / (6.0 * mass) + spring
-        height, speed, force, deepest = 0.0, -math.sqrt(2 * GRAVITY * self.height), 0.0, 0.0
+        height, speed, force = 0.0, -math.sqrt(2 * GRAVITY * self.height), 0.0
         steps = int(duration / step)
         forces, speeds = np.zeros(steps + 1), np.zeros(steps + 1)
         for k in range(1, steps + 1):
             z = turn * z - early * force
             free = height + step * speed - 0.5 * GRAVITY * step**2 + step**2 / mass * force / 3.0
             gap = free - float(np.sum(z.imag / theta))
-            new = self._solved(s, star, gap, gain, deepest)
+            new = self._solved(s, gap, gain)
             z = z - late * new
             height = free + step**2 / (6.0 * mass) * new
             speed += -GRAVITY * step + 0.5 * step / mass * (force + new)
             speeds[k] = float(np.sum(z.real - damping / theta * z.imag))
             speeds[k] -= spring * (new - force) / step
             force = new
-            deepest = max(deepest, -(gap + gain * force))
             forces[k] = force
         return step * np.arange(steps + 1), forces, speeds
 
-    def _solved(self, s: float, star: float, gap: float, gain: float, deepest: float) -> float:
-        """Force with F = law(-(gap + gain F)), by bisection and secants."""
-        if self._law(s, star, -gap, deepest) == 0.0:
-            return 0.0
-        low, high = 0.0, self._law(s, star, -gap, deepest)
+    def _solved(self, s: float, gap: float, gain: float) -> float:
+        """Force with F = s (-(gap + gain F))^1.5, by bisection."""
+        low, high = 0.0, s * max(-gap, 0.0) ** 1.5
         for _ in range(60):
             middle = 0.5 * (low + high)
-            if self._law(s, star, -(gap + gain * middle), deepest) > middle:
+            if s * max(-(gap + gain * middle), 0.0) ** 1.5 > middle:
                 low = middle
             else:
                 high = middle
             if high - low < 1e-11 * high:
                 break
         return 0.5 * (low + high)
-
-    def _law(self, s: float, star: float, p: float, deepest: float) -> float:
-        """Thornton's law, or Hertz's."""
-        if p <= 0.0:
-            return 0.0
-        if self.pressure is None:
-            return s * p**1.5
-        limit = self.radius * (math.pi * self.pressure / (2.0 * star)) ** 2
-        if p >= deepest or deepest <= limit:
-            if p <= limit:
-                return s * p**1.5
-            return s * limit**1.5 + math.pi * self.pressure * self.radius * (p - limit)
-        load = s * limit**1.5 + math.pi * self.pressure * self.radius * (deepest - limit)
-        flatter = s * math.sqrt(s * deepest**1.5 / load)
-        dent = deepest - (load / flatter) ** (2.0 / 3.0)
-        return flatter * max(p - dent, 0.0) ** 1.5
 
 
 def scene_of(drop: Drop) -> Setup:
@@ -143,10 +121,5 @@ def scene_of(drop: Drop) -> Setup:
             f"{body}.material.young_pa={young_pa}",
             f"{body}.material.poisson={poisson}",
             f"{body}.material.density_kg_m3={density_kg_m3}",
-        ]
-    if drop.pressure:
-        settings += [
-            "contact.plasticity=thornton",
-            f"contact.limiting_pressure_pa={drop.pressure}",
         ]
     return load("aluminium-3mm", settings)
