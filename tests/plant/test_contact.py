@@ -87,6 +87,7 @@ def test_hunt_crossley_parameter_solves_its_equation(restitution):
     with localcontext(prec=60):
         assert mismatch(x * (1 - width)) > 0
         assert mismatch(x * (1 + width)) < 0
+    assert hunt_crossley_parameter(restitution, 2.0) == pytest.approx(float(x) / 2.0)
 
 
 @pytest.mark.parametrize("restitution", [0.0, -0.5, 1.0000001, float("nan"), float("inf")])

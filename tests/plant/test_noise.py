@@ -13,6 +13,7 @@ from hertzloop.plant.schemes.modal import ModalPlant
 from hertzloop.plant.schemes.thesis2008 import green_functions
 from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.materials import MATERIALS
+from hertzloop.plant.structures.modes import Oscillators
 from hertzloop.plant.structures.plate import Plate
 from hertzloop.plant.time_series import F_A, F_A1, F_C, F_C1
 from tests.plant.rigs import spec
@@ -76,6 +77,29 @@ def test_spectrum_gives_the_energy_that_an_undamped_plate_took(beside):
     assert np.sum(noise.shares_of_drive_j(plant.modes, drive)) == pytest.approx(
         balance.modal_j, rel=1e-9
     )
+
+
+@pytest.mark.parametrize(
+    ("first", "steps", "frequencies"), [(0, 1, 1), (63, 64, 128), (0, 65, 300), (63, 5000, 128)]
+)
+def test_a_spectrum_is_the_sum_over_all_steps(first, steps, frequencies):
+    draw = np.random.default_rng([first, steps, frequencies])
+    force, slope = np.zeros((2, first + steps + 9))
+    force[first : first + steps] = draw.normal(size=steps)
+    force[first + steps // 2] = 0.0
+    slope[first : first + steps] = draw.normal(size=steps)
+    hertz = np.sort(draw.uniform(20.0, 4e5, frequencies))
+    at_contact, at_actuator = draw.normal(size=(2, frequencies))
+    modes = Oscillators(2.0 * np.pi * hertz, at_contact, at_actuator, frequencies, 0.0, 1.0)
+    found = noise.modal_drive(modes, 1e-6, np.stack([force, slope]), np.stack([slope, force]))
+    a = np.pi * hertz * 1e-6
+    turned = np.exp(-2j * np.pi * np.outer(hertz, np.arange(len(force)) * 1e-6))
+    held = 1e-6 * np.exp(-1j * a) * np.sin(a) / a
+    tilted = -1j * 1e-6 * np.exp(-1j * a) * (np.sin(a) - a * np.cos(a)) / a**2
+    forces, slopes = turned @ force, turned @ slope
+    expected = at_contact * (held * forces + tilted * slopes)
+    expected += at_actuator * (held * slopes + tilted * forces)
+    assert np.max(np.abs(found - expected)) < 1e-12 * 1e-6 * steps
 
 
 def test_mobility_of_many_modes_is_that_of_an_infinite_plate():

@@ -50,17 +50,6 @@ def test_peak_of_the_default_scene():
     assert peak("aluminium-3mm", FREE) == pytest.approx(88.104, rel=3e-5)
 
 
-@pytest.mark.parametrize(("pressure_gpa", "newtons"), [(1.05, 74.26), (0.77, 65.60), (0.44, 51.82)])
-def test_peak_of_a_contact_that_yields(pressure_gpa, newtons):
-    # The actuator, which never acts, makes it a kind of plant that is compiled already.
-    keys = (
-        "contact.plasticity=thornton",
-        f"contact.limiting_pressure_pa={pressure_gpa}e9",
-        "actuator.bandwidth_hz=20000",
-    )
-    assert peak("aluminium-3mm", FREE, *keys) == pytest.approx(newtons, abs=0.006)
-
-
 def test_peak_does_not_depend_on_the_step():
     wanted = peak("aluminium-3mm", FREE, "run.step_ns=250", "run.accuracy=1e-3")
     for step_ns, close in ((500, 1e-6), (1000, 2e-5), (2000, 1e-4)):

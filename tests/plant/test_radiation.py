@@ -10,7 +10,6 @@ from hertzloop.plant.structures import radiation
 from hertzloop.plant.structures.materials import MATERIALS
 from hertzloop.plant.structures.plate import Plate
 
-# These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
 
 LARGE = Plate(MATERIALS["aluminium"], (1.5, 1.2), 0.003)
