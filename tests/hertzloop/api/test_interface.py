@@ -150,19 +150,6 @@ def test_a_margin_holds_the_loop_in_flight_and_its_jitter():
         (lambda s: hertzloop.modes(hertzloop.vary(s, {"run.plate_model": "infinite"})), "no modes"),
         (lambda s: hertzloop.sweep(s, {"controller.kappa": 3}), "must be a list of values"),
         (lambda s: hertzloop.tune(s, laws="predicted"), r"laws = 'predicted': must be a list"),
-        (
-            lambda s: hertzloop.run(s, pace=1.0, transport="inprocess"),
-            "pace = 1.0: not available with transport = 'inprocess'",
-        ),
-        (
-            lambda s: hertzloop.run(s, transport="compiled", max_exchange_steps=3),
-            "max_exchange_steps = 3: not available with transport = 'compiled'. "
-            "Use transport zenoh or inprocess",
-        ),
-        (
-            lambda s: hertzloop.run(s, pace=1.0, max_exchange_steps=3),
-            "max_exchange_steps = 3: cannot be combined with pace = 1",
-        ),
     ],
 )
 def test_mistakes_end_in_one_sentence(scene, call, sentence):

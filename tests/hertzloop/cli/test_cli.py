@@ -140,22 +140,6 @@ def test_compare_shows_metrics_of_two_laws(here):
         refused("error: ", "compare", "a.mcap", "b.mcap", *wrong)
 
 
-def test_inspect_whole_and_cut_off(here):
-    long = ["--transport", "compiled", "--set", "run.duration_s=0.1", "--out", "a.mcap"]
-    succeed("run", "aluminium-3mm", *long)
-    succeed("inspect", "a.mcap", "--json", "a.json")
-    data = json_in(here / "a.json")
-    assert (data["streams"]["truth"]["samples"], data["problems"]) == (100_000, [])
-    content = (here / "a.mcap").read_bytes()
-    (here / "cut.mcap").write_bytes(content[: len(content) // 2])
-    cut = call("inspect", "cut.mcap", "--json", "cut.json")
-    assert cut.exit_code == 1
-    assert "cut off" in said(cut)
-    data = json_in(here / "cut.json")
-    assert 0 < data["streams"]["truth"]["samples"] < 100_000
-    assert data["problems"]
-
-
 def test_scenes_are_listed():
     listed = succeed("scene", "list")
     for name in ("aluminium-20mm (default)", "aluminium-3mm", "oak-20mm", "sylomer-20mm"):

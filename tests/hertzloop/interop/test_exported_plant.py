@@ -1,6 +1,5 @@
 """The plant as a C library: the bytes of the compiled loop, without Python."""
 
-import ctypes
 import math
 import re
 import subprocess
@@ -87,22 +86,6 @@ def test_the_example_runs(short):
     program = build(short, short / "main.c")
     said = subprocess.run([program], capture_output=True, text=True, check=True, env={}).stdout
     assert re.fullmatch(r"aluminium-3mm: .* contact force at most \d+\.\d+ N, .*\n", said)
-
-
-@pytest.mark.full
-def test_a_state_is_come_back_to(plant):
-    while plant.values()["gap_m"] >= 0.0:
-        assert plant.step(1.0) == 0
-    before, kept, forces = plant.values(), plant.state(), np.linspace(0.0, 5.0, 500)
-    energies = (ctypes.c_double * 11)()
-    plant.c.hertzloop_plant_energies(plant.plant, energies)
-    assert energies[0] > 0.0
-    assert plant.state() == kept
-    once = plant.run(forces)
-    assert once[-1]["gap_m"] > 0.0  # the contact is over
-    assert plant.set_state(kept) == 0
-    assert plant.values() == before
-    assert plant.run(forces).tobytes() == once.tobytes()
 
 
 @pytest.mark.full

@@ -57,7 +57,7 @@ def test_another_last_bit_is_named():
 # The other guards: test_exchange_guards, and the checker of streams in tests/bus.
 RULES = {
     "gap": "gap on stream 'force': sequence 6 came, 4 was expected",
-    "late": "controller does not respond; plant waited 6.25 s for the force for step",
+    "late": "controller does not respond; plant waited 2.5 s for the force for step",
     "dies": "failed with exit code 3",
     "exit-code": "failed with exit code 4",
     "by-the-cut": "at most 100 steps between exchanges: the controller's force of step",
@@ -67,7 +67,7 @@ RULES = {
 @pytest.mark.full
 @pytest.mark.parametrize("rule", RULES)
 def test_a_broken_rule_is_named(rule):
-    wait_s = "5" if rule == "late" else "60"
+    wait_s = "2" if rule == "late" else "60"
     command = f"{BROKEN} {rule} {PLACES}"
     said = checked("--controller", command, "--timeout", wait_s, code=1)
     assert RULES[rule] in said

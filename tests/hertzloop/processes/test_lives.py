@@ -140,7 +140,7 @@ def test_full_disk(recording):
 
 @pytest.mark.full
 def test_controller_never_started(recording):
-    with terminals(recording, wait_s=10.0, roles=[PLANT, RECORDER]) as roles:
+    with terminals(recording, wait_s=5.0, roles=[PLANT, RECORDER]) as roles:
         for process in roles.values():
-            assert re.search("waited 10 s for controller .* not there", ended(process, 1))
+            assert re.search("waited 5 s for controller .* not there", ended(process, 1))
     assert not recording.exists()  # nothing was to be recorded

@@ -3,16 +3,13 @@
 import json
 import os
 import signal
-from contextlib import suppress
 from pathlib import Path
 
 import psutil
 import pytest
 
-from hertzloop.bus.sockets import run_folder
 from hertzloop.recordings.reader import read
 from tests.hertzloop.commands import (
-    EVENTUALLY_S,
     LONG,
     child_of,
     ended,
@@ -81,16 +78,3 @@ def test_another_user_gets_neither_samples_nor_a_say(going, tmp_path):
     assert as_user(0, endpoints, name) == ([], True)  # the same could be heard by its own user
     ended(run, 1)  # and end the run
     assert read(tmp_path / "run.mcap").problems
-
-
-@pytest.mark.full
-def test_what_a_killed_launcher_leaves_goes_with_a_later_run(going):
-    run, children = going
-    [held] = sockets_of(children["plant"])
-    folder = held.parent
-    run.kill()
-    psutil.wait_procs(children.values(), timeout=EVENTUALLY_S)
-    with suppress(FileNotFoundError):  # a run beside this test may be the later one
-        os.utime(folder, (0, 0))
-    with run_folder():
-        assert not folder.exists()
