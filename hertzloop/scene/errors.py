@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
-from pydantic.fields import FieldInfo
 
 from hertzloop.scene.fields import fields_of, tables_at, takes
 
@@ -58,33 +57,13 @@ def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, 
         return shortened(str(problem["ctx"]["error"]), LONGEST)
     if kind == "extra_forbidden":
         path, last = _keys(problem["loc"][:-1], model), str(problem["loc"][-1])
-        tables = tables_at(path, model)
-        if last not in fields_of(tables):
-            return unknown_key((*within, *path, last), list(fields_of(tables)))
-        table, key = ".".join((*within, *path)), ".".join((*within, *path, last))
-        chosen = next(one for one in tables if one.__name__ in problem["loc"])
-        other = next(told(table, one) for one in tables if last in one.model_fields)
-        either = told(table, chosen).endswith("'") or chosen is tables[-1]
-        remedy = f"Leave it out, or give {other}." if either else "Leave one of them out."
-        return f"{key} = {shown(value)}: has no effect with {told(table, chosen)}. {remedy}"
+        return unknown_key((*within, *path, last), list(fields_of(tables_at(path, model))))
     keys = _keys(problem["loc"], model)
     if kind == "missing" and keys[-1] == problem["loc"][-1]:
-        tables = tables_at(keys[:-1], model)
-        needs = {one for one in tables if fields_of([one]).get(keys[-1], _NONE).is_required()}
-        others = [f", or {told(keys[0], one)}" for one in tables if one not in needs]
-        return f"{'.'.join((*within, *keys))}: is missing from the scene. Add it{''.join(others)}."
+        return f"{'.'.join((*within, *keys))}: is missing from the scene. Add it."
     possible = takes(keys[-1], fields_of(tables_at(keys[:-1], model))[keys[-1]])
     key = ".".join((*within, *keys))
     return f"{key} = {shown(value)}: is not possible. Possible values: {possible}."
-
-
-_NONE = FieldInfo(default=None)
-
-
-def told(name: str, table: Any) -> str:
-    """What makes the table `name` one of its kinds."""
-    key, value = table.TOLD_BY
-    return f"{name}.{key}" + (f" = '{value}'" if value else "")
 
 
 def _keys(loc: Iterable[Any], model: type[BaseModel]) -> list[str]:

@@ -3,7 +3,7 @@
 import ast
 import inspect
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import groupby, pairwise
 
@@ -11,8 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.scene.errors import told
-from hertzloop.scene.fields import fields_of, tables_of, takes
+from hertzloop.scene.fields import tables_of, takes
 from hertzloop.scene.scene import Scene
 
 
@@ -28,31 +27,18 @@ class Key:
 
 def keys() -> list[Key]:
     """All keys in the order of a scene's tables, those of shipped laws after the controller's."""
-    return list(_of_tables([Scene], ""))
+    return list(_of_table(Scene, ""))
 
 
-def _of_tables(tables: list[type[BaseModel]], before: str) -> Iterator[Key]:
-    for name, field in fields_of(tables).items():
+def _of_table(table: type[BaseModel], before: str) -> Iterator[Key]:
+    for name, field in table.model_fields.items():
         inner = tables_of(field.annotation)
         if inner and not before and name != "materials":
-            yield from _of_tables(inner, f"{name}.")
+            yield from _of_table(inner[0], f"{name}.")
             if name == "controller":
                 yield from _of_laws()
         else:
-            having = [table for table in tables if name in table.model_fields]
-            meaning = _meaning(having[0], name)
-            found = _key(before + name, field, meaning)
-            if len(having) < len(tables):  # a key of one kind of the table
-                kind = told(before[:-1], having[0])
-                default = "" if found.default == "needed" else found.default
-                with_kind = "" if kind == found.name else f" (with {kind})"
-                found = replace(found, default=default, meaning=found.meaning + with_kind)
-            yield found
-
-
-def _meaning(table: type[BaseModel], name: str) -> str:
-    """The docstring of a key, in the table or the one that it extends."""
-    return next(filter(None, (_docstrings(one).get(name) for one in table.__mro__[:2])), "")
+            yield _key(before + name, field, _docstrings(table).get(name, ""))
 
 
 @cache

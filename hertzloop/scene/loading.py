@@ -18,10 +18,9 @@ from hertzloop.controller.loading.registry import shipped as shipped_laws
 from hertzloop.scene.attached_files import inline_files
 from hertzloop.scene.controller_table import switch_law
 from hertzloop.scene.errors import LONGEST, SceneError, sentence, shortened, shown
-from hertzloop.scene.fields import fields_of
 from hertzloop.scene.materials import expand_material
+from hertzloop.scene.rules import BESIDE, IN_PLACE
 from hertzloop.scene.scene import Scene
-from hertzloop.scene.tables import KINDS
 from hertzloop.scene.toml import parse_toml, toml_value
 
 DEFAULT = "aluminium-20mm"
@@ -40,11 +39,11 @@ def shipped_text(name: str) -> str:
 
 
 _DESCRIBED = {"sphere", "plate"}  # tables that the sentence `shows` speaks of
-# Keys that have no effect beside another, at one value or, by None, at any.
+# Keys that have no effect once another is set.
 _LOST = {
-    "sphere.speed_m_s": ("sphere.drop_height_m", None),
-    "plate.loss_factor": ("plate.material.loss_factor", None),
-    "contact.limiting_pressure_pa": ("contact.plasticity", "none"),
+    "sphere.drop_height_m": ("sphere.speed_m_s",),
+    "plate.material.loss_factor": ("plate.loss_factor",),
+    **IN_PLACE,
 }
 _OF_LAWS = (".py", ".so", ".dylib", ".fmu")
 
@@ -163,10 +162,15 @@ def change(
     Raises:
         SceneError: a key or a file cannot be.
     """
-    kinds = {name: base.kind_of(data.get(name)) for name, base in KINDS.items()}
-    for lost, (key, value) in _LOST.items():
-        if key in values and value in (None, values[key]):
-            _drop(data, {lost} - values.keys())
+    lost = {key for set_now in values for key in _LOST.get(set_now, ())}
+    lost |= {
+        key
+        for key, (other, wanted) in BESIDE.items()
+        if wanted is not None and values.get(other, wanted) != wanted
+    }
+    if values.get("contact.plasticity") == "none":
+        lost.add("contact.limiting_pressure_pa")
+    _drop(data, lost - values.keys())
     if {key.partition(".")[0] for key in values} & _DESCRIBED:
         data.pop("shows", None)  # it was written for other bodies
     law, table = values.get("controller.law"), data.get("controller", {})
@@ -177,11 +181,6 @@ def change(
             raise SceneError(shortened(str(error), LONGEST)) from error
     for key, value in values.items():
         set_key(data, key, value)
-    for name, base in KINDS.items():
-        kind = base.kind_of(data.get(name))
-        if kind is not kinds[name]:
-            others = fields_of(base.kinds()).keys() - kind.model_fields.keys()
-            _drop(data, {f"{name}.{key}" for key in others} - values.keys())
     inline_files(data, Path())
 
 

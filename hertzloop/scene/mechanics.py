@@ -27,22 +27,18 @@ from hertzloop.scene.errors import SceneError
 from hertzloop.scene.materials import find_material
 from hertzloop.scene.tables import (
     ActuatorTable,
-    AnyPlate,
-    AnySphere,
     ContactTable,
-    HuntCrossleyContact,
     MaterialTable,
-    PlateBySizes,
-    RelaxingContact,
-    ViscousContact,
+    PlateTable,
+    SphereTable,
 )
 
 
 class PlantTables(NamedTuple):
     """The tables of a scene that make its plant, with the point of the sensor."""
 
-    sphere: AnySphere
-    plate: AnyPlate
+    sphere: SphereTable
+    plate: PlateTable
     contact: ContactTable
     actuator: ActuatorTable
     materials: tuple[MaterialTable, ...] | None
@@ -116,9 +112,9 @@ def resolve_mechanics(tables: PlantTables, knows_yield: bool) -> Mechanics:
     return _resolved(tables, knows_yield, make)
 
 
-def theory_of(plate: AnyPlate) -> str:
+def theory_of(plate: PlateTable) -> str:
     """The name of the kind of structure in STRUCTURES."""
-    return plate.theory if isinstance(plate, PlateBySizes) else "modes"
+    return plate.theory if plate.modes is None else "modes"
 
 
 @lru_cache(maxsize=16)
@@ -131,7 +127,7 @@ def _resolved(tables: PlantTables, knows_yield: bool, make: Any) -> Mechanics:
         raise SceneError(str(error)) from error
     ball = tables.sphere
     sphere = Sphere(
-        tables.sphere_material, ball.radius_m, ball.fall_m, ball.mass_kg, ball.given_speed_m_s
+        tables.sphere_material, ball.radius_m, ball.fall_m, ball.mass_kg, ball.speed_m_s
     )
     weaker = softer(of_plate, sphere.material)
     contact, why_elastic = _contact(tables.contact, sphere, of_plate, weaker, knows_yield)
@@ -160,11 +156,11 @@ def _resolved(tables: PlantTables, knows_yield: bool, make: Any) -> Mechanics:
     )
 
 
-def _describe_plate(table: AnyPlate, material: Material) -> Description:
+def _describe_plate(table: PlateTable, material: Material) -> Description:
     about = Description(material, table.size_m, table.thickness_m)
-    if isinstance(table, PlateBySizes):
-        return replace(about, loss_factor=table.loss_factor, edges=table.edges or "ssss")
     modes = table.modes
+    if modes is None:
+        return replace(about, loss_factor=table.loss_factor, edges=table.edges or "ssss")
     content = unpack_modes(modes.file, modes.sha256, modes.content)
     flexibility = table.residual_flexibility_m_n
     return replace(about, modes=(modes.file, content), residual_flexibility_m_n=flexibility)
@@ -191,12 +187,12 @@ def _contact(
             pressure = weaker[1].pressure_pa
         limit = Limit(pressure, sphere.radius_m)
     damping: dict[str, Any] = {}
-    if isinstance(table, ViscousContact):
+    if table.damping == "viscous":
         damping = {"damping": Damping.VISCOUS, "viscous_n_s_m": table.viscous_n_s_m}
-    elif isinstance(table, HuntCrossleyContact):
+    elif table.damping == "hunt_crossley":
         d = hunt_crossley_parameter(table.restitution, sphere.impact_speed_m_s)
         damping = {"damping": Damping.HUNT_CROSSLEY, "hunt_crossley_s_m": d}
-    elif isinstance(table, RelaxingContact):
+    elif table.damping == "relaxation":
         damping = {
             "damping": Damping.RELAXATION,
             "relaxation_stiffness": table.relaxation_stiffness,

@@ -12,9 +12,7 @@ from hertzloop.scene.materials import material_name
 from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.tables import (
     ActuatorTable,
-    ModesPlate,
     ModesTable,
-    PlateBySizes,
     SensorsTable,
 )
 
@@ -45,7 +43,7 @@ class Rule(NamedTuple):
 
 
 def _value(scene: Any, key: str) -> Any:
-    """The value of a key, None of one that the kind of the table does not have."""
+    """The value of a key."""
     table, _, name = key.partition(".")
     return getattr(getattr(scene, table), name, None)
 
@@ -78,7 +76,7 @@ def _fall_too_short(s: Any) -> float | None:
 def _places(s: Any) -> Iterator[tuple[str, list[float]]]:
     """The points on a plate, in shares of its sides."""
     plate = s.plate
-    if not isinstance(plate, PlateBySizes):
+    if plate.modes is not None:
         return
     for key, point in (
         ("plate.contact_point_m", plate.contact_point_m),
@@ -207,25 +205,65 @@ def _waits_twice(s: Any) -> bool:
     return has_clock and control.latency_trace is not None and not from_tick
 
 
-# Keys that have an effect only beside another one.
-_BESIDE = {
-    "actuator.damping": "actuator.bandwidth_hz",
-    "controller.latency_trace_use": "controller.latency_trace",
-    "controller.latency_trace_from": "controller.latency_trace",
-    "sensors.low_pass": "sensors.low_pass_hz",
-    "sensors.low_pass_order": "sensors.low_pass_hz",
-    "sensors.resonance_damping": "sensors.resonance_hz",
-    **{f"sensors.{k}": "sensors.fault" for k in SensorsTable.model_fields if k[:6] == "fault_"},
+# Keys that have an effect only beside another one, at a value of that one or, by None, at any.
+BESIDE: dict[str, tuple[str, str | None]] = {
+    "plate.residual_flexibility_m_n": ("plate.modes", None),
+    "contact.viscous_n_s_m": ("contact.damping", "viscous"),
+    "contact.restitution": ("contact.damping", "hunt_crossley"),
+    **dict.fromkeys(
+        ("contact.relaxation_stiffness", "contact.relaxation_s", "contact.relaxation_solve"),
+        ("contact.damping", "relaxation"),
+    ),
+    "actuator.damping": ("actuator.bandwidth_hz", None),
+    "controller.latency_trace_use": ("controller.latency_trace", None),
+    "controller.latency_trace_from": ("controller.latency_trace", None),
+    "sensors.low_pass": ("sensors.low_pass_hz", None),
+    "sensors.low_pass_order": ("sensors.low_pass_hz", None),
+    "sensors.resonance_damping": ("sensors.resonance_hz", None),
+    **{
+        f"sensors.{key}": ("sensors.fault", None)
+        for key in SensorsTable.model_fields
+        if key.startswith("fault_")
+    },
 }
+# Keys that take the place of others, which have no effect then.
+IN_PLACE = {
+    "sphere.speed_m_s": ("sphere.drop_height_m",),
+    "plate.modes": ("plate.loss_factor", "plate.edges", "plate.theory"),
+}
+
+
+def _given(s: Any, key: str) -> bool:
+    """Whether a key has another value than its default."""
+    table, _, name = key.partition(".")
+    return bool(_value(s, key) != type(getattr(s, table)).model_fields[name].default)
 
 
 def _idle(s: Any) -> tuple[str, str] | None:
     """A key that has no effect without another one, and that one."""
-    for key, other in _BESIDE.items():
-        table, _, name = key.partition(".")
-        default = type(getattr(s, table)).model_fields[name].default
-        if _value(s, other) is None and _value(s, key) != default:
-            return key, other
+    for key, (other, wanted) in BESIDE.items():
+        found = _value(s, other)
+        if (found is None if wanted is None else found != wanted) and _given(s, key):
+            return key, other if wanted is None else f"{other} = '{wanted}'"
+    return None
+
+
+def _replaced(s: Any) -> tuple[str, str] | None:
+    """A key in whose place another one is given, and that one."""
+    for key, others in IN_PLACE.items():
+        for other in others:
+            if _given(s, key) and _given(s, other):
+                return other, key
+    return None
+
+
+def _missing(s: Any) -> tuple[str, str] | None:
+    """A key that is missing, and one that may be given in its place."""
+    if s.sphere.speed_m_s is None and s.sphere.drop_height_m is None:
+        return "sphere.drop_height_m", "sphere.speed_m_s"
+    for key in ("plate.size_m", "plate.thickness_m", "plate.contact_point_m"):
+        if s.plate.modes is None and _value(s, key) is None:
+            return key, "plate.modes"
     return None
 
 
@@ -257,6 +295,9 @@ def _narrow(s: Any) -> bool:
 
 # The first that is broken is reported.
 RULES = [
+    Rule("", _missing, "is missing from the scene. Add it, or {x}."),
+    Rule("", _replaced, "has no effect with {x}. Leave one of them out."),
+    Rule("", _idle, "has no effect without {x}. Leave the key out, or set {x}."),
     Rule(
         "",
         _outside,
@@ -274,7 +315,6 @@ RULES = [
         "or name the material.",
     ),
     Rule("", _unsupported, "not supported by {x}"),
-    Rule("", _idle, "has no effect without {x}. Leave the key out, or set {x}."),
     Rule(
         "contact.plasticity",
         _yields_unknown,
@@ -299,7 +339,7 @@ RULES = [
     ),
     Rule(
         "sensors.point_m",
-        lambda s: s.sensors.point_m is not None and isinstance(s.plate, ModesPlate),
+        lambda s: s.sensors.point_m is not None and s.plate.modes is not None,
         "plate.modes of {s.plate.modes.file} know points by their columns only. Remove the key, "
         "and give the file a column shape_sensor.",
     ),

@@ -16,15 +16,14 @@ from hertzloop.scene.quantities import SENSED
 from hertzloop.scene.rules import problem_of
 from hertzloop.scene.tables import (
     ActuatorTable,
-    AnyContact,
-    AnyPlate,
-    AnySphere,
     ContactTable,
     FitTable,
     MaterialTable,
+    PlateTable,
     RunTable,
     SceneTable,
     SensorsTable,
+    SphereTable,
 )
 from hertzloop.scene.toml import to_toml
 
@@ -51,9 +50,9 @@ class Scene(SceneTable):
     """what it is for, in a sentence"""
     materials: tuple[MaterialTable, ...] | None = None  # by name, beside those that come with it
     """a file of materials, or a list, beside those that come with it"""
-    sphere: AnySphere
-    plate: AnyPlate
-    contact: AnyContact = ContactTable()
+    sphere: SphereTable
+    plate: PlateTable
+    contact: ContactTable = ContactTable()
     sensors: SensorsTable = SensorsTable()
     controller: ControllerTable = ControllerTable()
     actuator: ActuatorTable = ActuatorTable()

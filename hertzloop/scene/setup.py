@@ -18,7 +18,6 @@ from hertzloop.plant.schemes.registry import SCHEMES
 from hertzloop.plant.state_kernels import GRAVITY_M_S2
 from hertzloop.scene.controller_table import ControllerTable
 from hertzloop.scene.errors import SceneError
-from hertzloop.scene.fields import fields_of
 from hertzloop.scene.infinite_plate import InfinitePlate
 from hertzloop.scene.law_context import law_force_bound, resolve_law_context
 from hertzloop.scene.loading import load as load_scene
@@ -28,7 +27,7 @@ from hertzloop.scene.plate_model import check_modes, describe_plant, on_infinite
 from hertzloop.scene.scene import Scene
 from hertzloop.scene.sensor import resolve_sensor
 from hertzloop.scene.signal_path import keeps_force_smooth, resolve_signal_path
-from hertzloop.scene.tables import KINDS, RunTable, SensorsTable
+from hertzloop.scene.tables import RunTable, SensorsTable
 from hertzloop.scene.varying import resolution_of
 from hertzloop.scene.varying import vary as vary_scene
 from hertzloop.sensors.acquisition import SensorSpec
@@ -101,8 +100,7 @@ class Setup:
     def value_of(self, key: str) -> Any:
         """Return the value of "table.key" in the unit of the key; None if there is none.
 
-        A key of another kind of the table has its default there. A limiting pressure, a loss factor
-        and properties of a material may follow from other keys.
+        A limiting pressure, a loss factor and properties of a material may follow from other keys.
         """
         table, _, last = key.partition(".")
         if key == "contact.limiting_pressure_pa" and self.mechanics.contact.limit is not None:
@@ -116,9 +114,6 @@ class Setup:
             tables, name = self.scene.plant_tables, last.partition(".")[2]
             material = tables.plate_material if table == "plate" else tables.sphere_material
             return getattr(material, _MATERIAL_KEYS.get(name, name), None)
-        if table in KINDS and last in (fields := fields_of(KINDS[table].kinds())):
-            default = None if fields[last].is_required() else fields[last].default
-            return getattr(getattr(self.scene, table), last, default)
         return getattr(getattr(self.scene, table, None), last, None)
 
     # Other setups.

@@ -2,20 +2,15 @@
 
 import re
 from collections.abc import Callable
-from functools import reduce
-from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
-    Discriminator,
     Field,
-    Tag,
     WrapValidator,
     field_validator,
-    model_validator,
 )
 
 from hertzloop.common.number_fields import refuse_no_numbers
@@ -121,48 +116,9 @@ Thickness = Annotated[float, Field(ge=1e-5, le=1.0)]
 Radius = Annotated[float, Field(ge=1e-5, le=1.0)]
 
 
-class Variant(SceneTable):
-    """One of several kinds of a table. A key of another kind is refused, unless it has its default
-    there. `TOLD_BY`: the key that makes a table this kind, and its value, None for any."""
-
-    TOLD_BY: ClassVar[tuple[str, str | None]]
-
-    @classmethod
-    def kinds(cls) -> tuple[type["Variant"], ...]:
-        """All kinds of this table, the one that a table is by default last."""
-        base = next(one for one in cls.__mro__ if Variant in one.__bases__)
-        return (*base.__subclasses__(), *([base] if hasattr(base, "TOLD_BY") else []))
-
-    @classmethod
-    def kind_of(cls, given: Any) -> type["Variant"]:
-        """Return the kind that a table, or plain data, is."""
-        if isinstance(given, Variant):
-            return type(given)
-        for kind in cls.kinds():
-            key, told = kind.TOLD_BY
-            value = given.get(key) if isinstance(given, dict) else None
-            if value is not None and told in (None, value):
-                return kind
-        return cls.kinds()[-1]
-
-    @model_validator(mode="before")
-    @classmethod
-    def _drop_defaults(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        others = {key: field for kind in cls.kinds() for key, field in kind.model_fields.items()}
-        unsaid = {k for k, v in data.items() if k in others and v == others[k].default}
-        return {k: v for k, v in data.items() if k in cls.model_fields or k not in unsaid}
-
-
-def _any_of(base: type[Variant]) -> Any:
-    """A table of whichever kind it is told by."""
-    kinds = reduce(or_, (Annotated[kind, Tag(kind.__name__)] for kind in base.kinds()))
-    return Annotated[kinds, Discriminator(lambda given: base.kind_of(given).__name__)]
-
-
-class SphereTable(Variant):
-    """The falling sphere. `mass_kg` stands in for the density of its material."""
+class SphereTable(SceneTable):
+    """The falling sphere, by its impact speed or the height of its fall. `mass_kg` stands in for
+    the density of its material."""
 
     material: MaterialKey = "steel"
     """name, or numbers"""
@@ -170,49 +126,28 @@ class SphereTable(Variant):
     """sphere radius"""
     mass_kg: Mass | None = None
     """sphere mass; default: by the density of its material"""
-
-
-class ThrownSphere(SphereTable):
-    """A sphere by its impact speed."""
-
-    TOLD_BY = "speed_m_s", None
-
-    speed_m_s: Speed
+    speed_m_s: Speed | None = None
     """impact speed, in place of the drop height"""
-
-    @property
-    def fall_m(self) -> float:
-        """Height of a fall to the impact speed, m."""
-        return self.speed_m_s * self.speed_m_s / (2.0 * GRAVITY_M_S2)
-
-    @property
-    def given_speed_m_s(self) -> float:
-        """The impact speed, m/s."""
-        return self.speed_m_s
-
-
-class DroppedSphere(SphereTable):
-    """A sphere by the height of its fall."""
-
-    TOLD_BY = "drop_height_m", None
-
-    drop_height_m: Annotated[float, Field(ge=1e-7, le=100.0)]
+    drop_height_m: Annotated[float, Field(ge=1e-7, le=100.0)] | None = None
     """drop height of the lowest point of the sphere above the plate"""
 
     @property
     def fall_m(self) -> float:
-        """Height of the fall, m."""
-        return self.drop_height_m
+        """Height of the fall, or of one to the impact speed, m."""
+        if self.drop_height_m is not None:
+            return self.drop_height_m
+        speed_m_s = self.speed_m_s or 0.0
+        return speed_m_s * speed_m_s / (2.0 * GRAVITY_M_S2)
 
-    @property
-    def given_speed_m_s(self) -> None:
-        """No speed."""
 
+class PlateTable(SceneTable):
+    """The plate by its sizes, or a file of modes in its place. `actuator_point_m` is by default the
+    contact point. `theory`: Kirchhoff's thin plate, or a structure of one's own. `tail` stands for
+    the truncated modes: a massless spring or one damped mode; "auto" is "damped" where that is
+    known.
 
-class PlateTable(Variant):
-    """The plate, or a file of modes in its place: contact point, actuator point (default: the
-    contact point), and what stands for the truncated modes (`tail`): a massless spring or one
-    damped mode; "auto" is "damped" where that is known."""
+    A file of modes defines the structure: `size_m` and `contact_point_m` then serve the picture
+    only, and `thickness_m` is that of the plate at the contact point, if it is one."""
 
     material: MaterialKey
     """name, or numbers"""
@@ -227,35 +162,10 @@ class PlateTable(Variant):
     tail: Literal["spring", "damped", "auto"] = "auto"
     """model of the truncated modes: massless spring or one damped mode; "auto": damped where
     that is known"""
-
-    @property
-    def points_m(self) -> tuple[Point, Point]:
-        """Contact point and actuator point; the corner if a file of modes defines the structure."""
-        contact = self.contact_point_m or (0.0, 0.0)
-        return contact, self.actuator_point_m or contact
-
-
-class ModesPlate(PlateTable):
-    """A file of modes in the place of a plate. It defines the structure: `size_m` and
-    `contact_point_m` serve the picture only, and `thickness_m` is that of the plate at the contact
-    point, if it is one."""
-
-    TOLD_BY = "modes", None
-
-    modes: ModesTable
+    modes: ModesTable | None = None
     """file of modes that replaces the plate (CSV, NPZ)"""
     residual_flexibility_m_n: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
-    """static flexibility of the modes that are not in the file"""
-
-
-class PlateBySizes(PlateTable):
-    """A plate by its sizes. `theory`: Kirchhoff's thin plate, or a structure of one's own."""
-
-    TOLD_BY = "size_m", None
-
-    size_m: tuple[Side, Side]
-    thickness_m: Thickness
-    contact_point_m: Point
+    """static flexibility of the modes that are not in the file of plate.modes"""
     loss_factor: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
     """loss factor of every mode; default: that of the material"""
     edges: str | None = None
@@ -263,6 +173,12 @@ class PlateBySizes(PlateTable):
     default: ssss"""
     theory: TheoryName = "kirchhoff"
     """Kirchhoff's thin plate, or the name of your own structure"""
+
+    @property
+    def points_m(self) -> tuple[Point, Point]:
+        """Contact point and actuator point; the corner if a file of modes defines the structure."""
+        contact = self.contact_point_m or (0.0, 0.0)
+        return contact, self.actuator_point_m or contact
 
     @field_validator("edges")
     @classmethod
@@ -276,17 +192,18 @@ class PlateBySizes(PlateTable):
         return value
 
 
-class ContactTable(Variant):
-    """The contact; without damping, or of one of the kinds below.
+class ContactTable(SceneTable):
+    """The contact.
 
     `plasticity` "thornton": the contact yields where the pressure reaches the limiting one, between
     1.6 times the softer body's yield strength and its hardness; left out, it is that hardness, or
     2.8 times the yield strength of a material that has no hardness. "auto": "thornton" where the
     first impact on a rigid plate would pass first yield, or a limiting pressure is given; "none"
     where it would not, where the plate's strength is not known, beside contact damping, and where
-    the scheme knows no yield."""
+    the scheme knows no yield.
 
-    TOLD_BY = "damping", "none"
+    `damping` "viscous": a dashpot beside the contact; "hunt_crossley": in proportion to the elastic
+    force; "relaxation": a second contact stiffness that relaxes, with s_tau, tau and the solve."""
 
     damping: Literal["none", "viscous", "hunt_crossley", "relaxation"] = "none"
     """damping model of the contact"""
@@ -297,51 +214,17 @@ class ContactTable(Variant):
     """limiting contact pressure at yield"""
     stiffness_factor: Annotated[float, Field(ge=1e-2, le=1e2)] | None = None
     """factor on the stiffness of Hertz's contact, as of a fit; default: 1"""
-
-
-class ViscousContact(ContactTable):
-    """A dashpot beside the contact."""
-
-    TOLD_BY = "damping", "viscous"
-
     viscous_n_s_m: Annotated[float, Field(ge=0.0, le=1e6)] = 0.0
-    """damping constant; the damper also pulls while the bodies separate"""
-
-
-class HuntCrossleyContact(ContactTable):
-    """Damping in proportion to the elastic force."""
-
-    TOLD_BY = "damping", "hunt_crossley"
-
+    """damping constant of "viscous"; the damper also pulls while the bodies separate"""
     restitution: Annotated[float, Field(ge=1e-3, le=1.0)] = 1.0
-    """coefficient of restitution on a massive body, at the speed of the first impact; later, slower
-    impacts are damped less"""
-
-
-class RelaxingContact(ContactTable):
-    """A second contact stiffness that relaxes; `relaxation_*` are s_tau, tau and the solve."""
-
-    TOLD_BY = "damping", "relaxation"
-
+    """coefficient of restitution of "hunt_crossley" on a massive body, at the speed of the first
+    impact; later, slower impacts are damped less"""
     relaxation_stiffness: Annotated[float, Field(ge=0.0, le=1e15)] = 0.0
-    """stiffness s_tau, N/m^1.5"""
+    """stiffness s_tau of "relaxation", N/m^1.5"""
     relaxation_s: Annotated[float, Field(ge=1e-9, le=1e3)] = 1e-3
-    """time constant"""
+    """time constant of the relaxation"""
     relaxation_solve: Literal["published", "bracketed"] = "bracketed"
-    """solver: the published iteration or a bracketed one"""
-
-
-KINDS: dict[str, type[Variant]] = {
-    "sphere": SphereTable,
-    "plate": PlateTable,
-    "contact": ContactTable,
-}
-if TYPE_CHECKING:
-    AnySphere = DroppedSphere | ThrownSphere
-    AnyPlate = PlateBySizes | ModesPlate
-    AnyContact = ContactTable | ViscousContact | HuntCrossleyContact | RelaxingContact
-else:
-    AnySphere, AnyPlate, AnyContact = map(_any_of, KINDS.values())
+    """solver of "relaxation": the published iteration or a bracketed one"""
 
 
 class SensorsTable(SceneTable):

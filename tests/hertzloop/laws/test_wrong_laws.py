@@ -163,7 +163,7 @@ def test_a_loop_without_end_before_the_run(here, monkeypatch):
     monkeypatch.undo()
     monkeypatch.setattr("hertzloop.processes.law_trial._PATIENCE_S", 0.5)
     write_law(here, "while i == 30: s.largest_n += 0.0")
-    with pytest.raises(SceneError, match=r"came to sample 30\. Check it for an endless loop"):
+    with pytest.raises(SceneError, match=r"within 0\.5 s\. Check it for an endless loop"):
         try_law(aluminium_3mm(SHORT, f"controller.law={here}/mine.py"))
 
 

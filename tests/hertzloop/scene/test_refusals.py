@@ -54,7 +54,7 @@ REFUSED = {
         "materials=none.toml": "materials = 'none.toml': cannot be read",
         "plate.modes=none.csv": "plate.modes = 'none.csv': cannot be read: there is no such file",
         "plate.modes=none.txt": "unknown format. Use a file that ends in .csv, .npz",
-        "plate.residual_flexibility_m_n=1e-9": "or give plate.modes.",
+        "plate.residual_flexibility_m_n=1e-9": "or set plate.modes.",
         "plate.edges=ccc": "plate.edges = 'ccc': must be four letters, for the edges",
         "sensors.bits=12.5": 'Possible values: whole number or "ideal", 1 to 24.',
         "contact.damping=oil": 'Possible values: "none", "viscous", "hunt_crossley", "relax',

@@ -30,7 +30,10 @@ LAWS = "controller.law=slope_threshold,fade_out,predicted"
         # The default is among the values, and the law that lacks the key is the last.
         ([LAWS, "controller.lead_us=0,1"], "has no effect on controller.law = 'predicted'"),
         (["controller.law=fade_out,off,predicted", "controller.kappa=0.5,0.6"], "law = 'off'"),
-        (["contact.restitution=0.5,0.6"], "has no effect with contact.damping = 'none'"),
+        (
+            ["contact.restitution=0.5,0.6"],
+            "has no effect without contact.damping = 'hunt_crossley'",
+        ),
     ],
 )
 def test_what_cannot_be_swept_is_refused_shortly(over, says):
