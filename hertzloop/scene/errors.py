@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from hertzloop.scene.fields import fields_of, tables_at, takes
+from hertzloop.scene.fields import fields_at, takes
 
 
 class SceneError(ValueError):
@@ -57,11 +57,11 @@ def sentence(error: ValidationError, model: type[BaseModel], within: tuple[str, 
         return shortened(str(problem["ctx"]["error"]), LONGEST)
     if kind == "extra_forbidden":
         path, last = _keys(problem["loc"][:-1], model), str(problem["loc"][-1])
-        return unknown_key((*within, *path, last), list(fields_of(tables_at(path, model))))
+        return unknown_key((*within, *path, last), list(fields_at(path, model)))
     keys = _keys(problem["loc"], model)
     if kind == "missing" and keys[-1] == problem["loc"][-1]:
         return f"{'.'.join((*within, *keys))}: is missing from the scene. Add it."
-    possible = takes(keys[-1], fields_of(tables_at(keys[:-1], model))[keys[-1]])
+    possible = takes(keys[-1], fields_at(keys[:-1], model)[keys[-1]])
     key = ".".join((*within, *keys))
     return f"{key} = {shown(value)}: is not possible. Possible values: {possible}."
 
@@ -70,7 +70,7 @@ def _keys(loc: Iterable[Any], model: type[BaseModel]) -> list[str]:
     """The part of an error's location that names scene keys, without branches of unions."""
     found: list[str] = []
     for part in map(str, loc):
-        if part in fields_of(tables_at(found, model)):
+        if part in fields_at(found, model):
             found.append(part)
     return found
 

@@ -1,12 +1,13 @@
 """The fields of tables, and in words what each can be: kind, bounds and unit."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from hertzloop.common.readable import number
 
@@ -77,28 +78,20 @@ def parts_of(kind: Any) -> Iterator[Any]:
             yield from parts_of(inner)
 
 
-def tables_of(annotation: Any) -> list[type[BaseModel]]:
-    """The tables that a key can have: several of a table of several kinds, none of a value."""
-    return [
-        one for one in parts_of(annotation) if isinstance(one, type) and issubclass(one, BaseModel)
-    ]
+def table_of(annotation: Any) -> type[BaseModel] | None:
+    """The table that a key can be; None of a value."""
+    parts = (one for one in parts_of(annotation) if isinstance(one, type))
+    return next((one for one in parts if issubclass(one, BaseModel)), None)
 
 
-def tables_at(path: Sequence[str], model: type[BaseModel]) -> list[type[BaseModel]]:
-    """The table at `path` of a scene: one, several of a table of several kinds, none for a value.
-    Raises KeyError for what is no key."""
-    found = [model]
+def fields_at(path: Sequence[str], model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The keys of the table at `path` of a scene, none of a value. Raises KeyError for what is no
+    key."""
+    fields = model.model_fields
     for part in path:
-        found = tables_of(fields_of(found)[part].annotation)
-    return found
-
-
-def fields_of(tables: Iterable[type[BaseModel]]) -> dict[str, Any]:
-    """The keys of a table, of all its kinds."""
-    found: dict[str, Any] = {}
-    for table in tables:
-        found |= {key: field for key, field in table.model_fields.items() if key not in found}
-    return found
+        table = table_of(fields[part].annotation)
+        fields = table.model_fields if table else {}
+    return fields
 
 
 def _bounds_of(field: Any) -> str:

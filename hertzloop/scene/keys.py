@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hertzloop.controller.loading.registry import find, shipped
-from hertzloop.scene.fields import tables_of, takes
+from hertzloop.scene.fields import table_of, takes
 from hertzloop.scene.scene import Scene
 
 
@@ -32,9 +32,9 @@ def keys() -> list[Key]:
 
 def _of_table(table: type[BaseModel], before: str) -> Iterator[Key]:
     for name, field in table.model_fields.items():
-        inner = tables_of(field.annotation)
+        inner = table_of(field.annotation)
         if inner and not before and name != "materials":
-            yield from _of_table(inner[0], f"{name}.")
+            yield from _of_table(inner, f"{name}.")
             if name == "controller":
                 yield from _of_laws()
         else:

@@ -6,7 +6,7 @@ from typing import Any
 from hertzloop.controller.law import WHOLE_STEPS
 from hertzloop.controller.loading.registry import read_again
 from hertzloop.scene.controller_table import law_key
-from hertzloop.scene.fields import fields_of, parts_of, tables_at
+from hertzloop.scene.fields import fields_at, parts_of
 from hertzloop.scene.loading import change, validate_scene
 from hertzloop.scene.scene import Scene
 
@@ -74,7 +74,7 @@ def resolution_of(scene: Scene, key: str) -> float:
             return scene.run.step_us
     else:
         try:
-            kind = fields_of(tables_at(path, Scene))[last].annotation
+            kind = fields_at(path, Scene)[last].annotation
         except KeyError:
             return 0.0
     return 1.0 if any(one is int for one in parts_of(kind)) else 0.0

@@ -8,7 +8,7 @@ from typing import Any
 
 from hertzloop.fitting.errors import FitError
 from hertzloop.fitting.records.record import Record
-from hertzloop.scene.fields import fields_of, tables_at
+from hertzloop.scene.fields import fields_at
 from hertzloop.scene.setup import Setup
 
 FILTERS = ("low_pass_hz", "ac_coupling_hz", "resonance_hz", "resonance_damping")
@@ -201,8 +201,8 @@ def _parse_prior(text: str, prior: str, start: float) -> float:
 
 
 def _table_keys(setup: Setup, table: str) -> Mapping[str, Any]:
-    """The keys of a table of the scene, of all its kinds; none of a table that does not exist."""
-    return fields_of(tables_at([table], type(setup.scene))) if hasattr(setup.scene, table) else {}
+    """The keys of a table of the scene; none of a table that does not exist."""
+    return fields_at([table], type(setup.scene)) if hasattr(setup.scene, table) else {}
 
 
 def _refuse_without_influence(setup: Setup, key: str) -> None:
