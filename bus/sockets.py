@@ -14,7 +14,6 @@ from pathlib import Path
 from hertzloop.bus.streams import ROLES
 
 LOOPBACK = "127.0.0.1"
-_LAST = 65535
 _KIND = "unixsock-stream/"
 _PREFIX = "hertzloop-run-"
 _YOUNG_S = 60.0  # in which whoever made a folder has surely locked it
@@ -101,7 +100,7 @@ def _sweep(parent: str) -> None:
 
 
 @contextmanager
-def reserved_ports(count: int, in_a_row: bool = False) -> Iterator[list[int]]:
+def reserved_ports(count: int) -> Iterator[list[int]]:
     """TCP ports on loopback that nobody is given by the kernel until the context ends.
 
     A port that is merely free at this moment can be the near end of anybody's connection by
@@ -109,23 +108,11 @@ def reserved_ports(count: int, in_a_row: bool = False) -> Iterator[list[int]]:
     the kernel passes such ports over, and lets whoever asks for one by its number, with
     SO_REUSEADDR as zenoh does, listen on it.
     """
-    while True:
-        with ExitStack() as held:
-            try:
-                first = _hold(held, 0)
-                wanted = range(first + 1, first + count) if in_a_row else [0] * (count - 1)
-                if in_a_row and wanted and wanted[-1] > _LAST:
-                    continue
-                ports = [first, *(_hold(held, number) for number in wanted)]
-            except OSError:
-                if not in_a_row:  # else one in the row is taken: from another start
-                    raise
-                continue
-            yield ports
-            return
+    with ExitStack() as held:
+        yield [hold_port(held) for _ in range(count)]
 
 
-def _hold(held: ExitStack, number: int) -> int:
+def hold_port(held: ExitStack, number: int = 0) -> int:
     """Bind a port, 0 for any; its number. Raises OSError."""
     holder = held.enter_context(socket.socket())
     holder.bind((LOOPBACK, number))

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from hertzloop.bus import messages_pb2
+from hertzloop.bus.sockets import mesh_endpoints, on_loopback
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, STREAMS, SUBSCRIPTIONS
 from hertzloop.processes.program import BASE_PORT
-from hertzloop.processes.roles import default_endpoints
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = (ROOT / "docs" / "reference" / "wire.md").read_text()
@@ -41,5 +41,5 @@ def test_every_field_that_a_controller_meets(name):
 def test_ports():
     ports = range(BASE_PORT, BASE_PORT + 3)
     for role in (PLANT, CONTROLLER, RECORDER):
-        [listens], _ = default_endpoints(role, ports)
+        [listens], _ = mesh_endpoints(role, on_loopback(ports))
         assert re.search(rf"{role}\s(listens )?on\s`{listens}`", PAGE), role

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from hertzloop.bus.port import BusError
-from hertzloop.bus.sockets import too_long
+from hertzloop.bus.sockets import mesh_endpoints, on_loopback, too_long
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES
 from hertzloop.bus.zenoh_config import endpoints_named, names_endpoints
 from hertzloop.cli import outputs, prepare
@@ -29,7 +29,7 @@ from hertzloop.processes import roles
 from hertzloop.processes.child_process import Report
 from hertzloop.processes.program import BASE_PORT, LARGEST_PORT
 from hertzloop.processes.record import told_where
-from hertzloop.processes.roles import BusAddress, default_endpoints
+from hertzloop.processes.roles import BusAddress
 from hertzloop.processes.signals import INTERRUPTED
 from hertzloop.recordings.reader import read
 from hertzloop.recordings.writer import RecordingError
@@ -179,7 +179,7 @@ def _bus_address(role: str, asked: BusAddress) -> BusAddress:
     check_endpoints("--listen", asked.listen)
     check_endpoints("--connect", asked.connect)
     config = asked.zenoh_config
-    listen, connect = default_endpoints(role, [BASE_PORT, BASE_PORT + 1, BASE_PORT + 2])
+    listen, connect = mesh_endpoints(role, on_loopback(range(BASE_PORT, BASE_PORT + 3)))
     try:
         if config:
             listen = [] if names_endpoints(config, "listen") else listen

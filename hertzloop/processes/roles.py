@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost
-from hertzloop.bus.sockets import mesh_endpoints, on_loopback
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
 from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.common.sanitize import visible
@@ -63,11 +62,6 @@ class BusAddress:
 
 def _unheard(**_: object) -> None:
     """Report to nobody."""
-
-
-def default_endpoints(role: str, ports: Sequence[int]) -> tuple[list[str], list[str]]:
-    """What a role listens on, and connects to, by the ports of all roles on loopback."""
-    return mesh_endpoints(role, on_loopback(ports))
 
 
 def _say(sentence: str) -> None:

@@ -15,7 +15,7 @@ from hertzloop.recordings.reader import read
 from hertzloop.scene.setup import parse
 from tests.hertzloop.commands import hertzloop
 from tests.hertzloop.own_laws import EXAMPLES
-from tests.ports import free_ports
+from tests.ports import ports_in_a_row
 
 PLACES = "--name {name} --listen {listen} --connect {connect}"
 EXAMPLE = f"{sys.executable} {EXAMPLES / 'own_controller.py'} {PLACES}"
@@ -78,7 +78,7 @@ def test_a_broken_rule_is_named(rule):
 def run_with(command: str, folder: Path, *words: str, code: int = 0) -> subprocess.CompletedProcess:
     """`hertzloop run` with a program of the user's as its controller."""
     short = ("--set", "run.duration_s=0.0016", "--set", "run.accuracy=0.1", "--timeout", "60")
-    base = str(free_ports(3, in_a_row=True)[0])
+    base = str(ports_in_a_row(3)[0])
     words = ("--controller", command, *short, "--port", base, *words)
     return hertzloop("run", "aluminium-3mm", *words, cwd=folder, code=code)
 
