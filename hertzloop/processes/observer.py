@@ -4,7 +4,6 @@ It drops what its viewer does not take in time. An observer that hangs ends the 
 timeout of the run.
 """
 
-import json
 import queue
 import subprocess
 import sys
@@ -16,10 +15,12 @@ import zenoh
 
 from hertzloop.bus.port import PeerLost
 from hertzloop.bus.streams import PLANT
+from hertzloop.bus.zenoh_config import session_config
 
 _ENDS = f"end/{PLANT}"
 _MOST_WAITING = 1000  # blocks that are not shown yet
-_RETURNS_S = 2.0  # for a link that was closed to be there again: zenoh tries ten times a second
+_RETURNS_S = 2.0  # for a link that was closed to be there again: zenoh tries twice a second
+_LINK_S = 60.0  # for a silent link to be closed
 
 
 def _session(connect: Sequence[str]) -> zenoh.Session:
@@ -27,18 +28,9 @@ def _session(connect: Sequence[str]) -> zenoh.Session:
 
     Raises zenoh.ZError.
     """
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "peer",
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "listen/endpoints": [],
-        "connect/endpoints": list(connect),
-        "connect/timeout_ms": -1,  # for as long as it takes
-        "connect/exit_on_failure": False,
-        "connect/retry": {"period_init_ms": 50, "period_max_ms": 100, "period_increase_factor": 2},
-    }.items():
-        config.insert_json5(key, json.dumps(value))
+    config = session_config([], connect, None, _LINK_S)
+    config.insert_json5("connect/timeout_ms", "-1")  # for as long as it takes
+    config.insert_json5("connect/exit_on_failure", "false")
     return zenoh.open(config)
 
 
