@@ -69,6 +69,8 @@ class Structure(Protocol):
 
     has_shapes: bool = False
     """whether `on_grid` can be asked for them"""
+    grid_m: tuple[np.ndarray, np.ndarray] | None = None
+    """axes (ascending, m) of the only grid that has its shapes; None: they are known anywhere"""
     mode_table: ModeTable | None = None
     """the modes that it was given as, which end; None where modes are computed"""
     highest_hz: float = math.inf

@@ -62,23 +62,17 @@ def radiator_of(setup: Setup) -> Radiator:
 def _shapes_of(setup: Setup, omega_max: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the places of a grid along both sides, m, and the shapes of the modes on it."""
     structure = setup.plant.plate
-    table = structure.mode_table
-    if table is None:
-        if not structure.has_shapes:
-            raise SceneError(f"nothing can be heard of {structure}, which has no shapes on a grid")
+    if not structure.has_shapes:
+        raise SceneError(
+            f"nothing can be heard of {structure}, which has no shapes on a grid; a file of "
+            "plate.modes may have them as the arrays x_m, y_m and shape_grid of an .npz file"
+        )
+    if structure.grid_m is not None:
+        x, y = structure.grid_m
+    else:
         spacing_m = _half_wave_m(structure, omega_max) * 2.0 / _NODES_A_WAVE
         x, y = (_midpoints(length, spacing_m) for length in setup.scene.plate.size_m or (1.0, 1.0))
-        return x, y, structure.on_grid(omega_max, x, y)
-    if table.grid is None:
-        raise SceneError(
-            "the file of plate.modes has no shapes on a grid, without which nothing can be heard; "
-            "add the arrays x_m, y_m and shape_grid to an .npz file"
-        )
-    x, y, shapes = table.grid
-    below = table.omega_rad_s <= omega_max
-    per_mass = table.per_modal_mass_1_kg
-    same = bool(np.all(per_mass == per_mass[0]))  # as in `ModalStructure`
-    return x, y, shapes[below] * (1.0 if same else np.sqrt(per_mass[below])[:, None, None])
+    return x, y, structure.on_grid(omega_max, x, y)
 
 
 def _half_wave_m(structure: Structure, omega_max: float) -> float:

@@ -130,6 +130,26 @@ class ModalStructure(Structure):
             at_actuator=of.at_actuator[:count],
         )
 
+    @property
+    def has_shapes(self) -> bool:  # type: ignore[override]  # a constant in other structures
+        """Whether the file has shapes on a grid."""
+        return self.mode_table.grid is not None
+
+    @property
+    def grid_m(self) -> tuple[np.ndarray, np.ndarray] | None:  # type: ignore[override]
+        """Axes of the grid of the file."""
+        return self.mode_table.grid and self.mode_table.grid[:2]
+
+    def on_grid(self, omega_max: float, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+        """Shapes of all modes up to `omega_max` at places of the file's grid, (modes, x, y)."""
+        if self.mode_table.grid is None:
+            return super().on_grid(omega_max, x_m, y_m)
+        x, y, shapes = self.mode_table.grid
+        count, scale = self._count(omega_max), self._every_mode[0].scale_per_kg
+        found = shapes[:count, np.searchsorted(x, x_m)][:, :, np.searchsorted(y, y_m)]
+        by_mass = np.sqrt(self.mode_table.per_modal_mass_1_kg[:count] / scale)
+        return np.asarray(by_mass[:, None, None] * found)
+
     def sensed(self, omega_max: float, contact_m: Point, sensor_m: Point) -> np.ndarray:
         """Shapes at the sensor; the file says where it is, not the points."""
         return self._every_mode[1][: self._count(omega_max)]
