@@ -1,9 +1,7 @@
 """The command `sweep`: simulate many cases of a scene, and print what they show."""
 
 import math
-import re
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,29 +20,30 @@ from hertzloop.cli.options import (
 )
 from hertzloop.cli.terminal import err, fail, out, progress
 from hertzloop.common.optional_dependencies import need
-from hertzloop.common.readable import quantity
-from hertzloop.processes.program import LARGEST_PORT
 from hertzloop.results.predictability import whole_run_known
-from hertzloop.results.spans import OTHER, Span
-from hertzloop.results.touch_phases import TOUCH_PHASE_KEY
+from hertzloop.results.spans import OTHER
+from hertzloop.results.touch_phases import TOUCH_PHASE_KEY, spread_of
 from hertzloop.scene.loading import DEFAULT, parse_setting
-from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import evaluate
 from hertzloop.studies.cases.pool import local_pool
-from hertzloop.studies.cases.rows import Rows, metrics_with_values, with_metric
+from hertzloop.studies.cases.rows import (
+    Rows,
+    metric_of,
+    metrics_with_values,
+    with_equal,
+    with_metric,
+)
 from hertzloop.studies.cases.touch_phases import grouped
 from hertzloop.studies.cases.workers import WorkersLost
 from hertzloop.studies.pages.words import short
 from hertzloop.studies.sweep import sweep as sweep_study
 from hertzloop.studies.sweep.plan import SweepPlan, plan_sweep
 from hertzloop.studies.sweep.request import SweepRequest
-from hertzloop.studies.sweep.result import SweepResult, counted, extremes
+from hertzloop.studies.sweep.result import SweepResult, counted
 from hertzloop.views.format import Table, unwrapped
 from hertzloop.views.verdict import spans_differ
 
-_CONTACTS = 60.0  # contact times in which an impact is over
 _MOST_ROWS = 20  # of a table
-_WORTH = 3.0  # ratio of times from which a hint is worth a line
 
 
 @options_of(SweepRequest)
@@ -80,7 +79,7 @@ def sweep(
     if picture is not None:
         outputs.check_picture(picture)
     if options.dask is not None:
-        _check_scheduler(options.dask)
+        need("distributed")
     plan = plan_sweep(setup, options)
     _check_plan(plan, settings, seed)
     finished = None if overwrite else sweep_study.finished(plan, target)
@@ -134,21 +133,6 @@ def _run(plan: SweepPlan, target: Path) -> SweepResult:
         )
 
 
-_SCHEDULER = re.compile(
-    r"(?:(?:tcp|tls|ucx|wss?)://)?(?:\[[^\s\]]+\]|[^\s/:\[\]]+):(?P<port>[0-9]{1,9})"
-)
-
-
-def _check_scheduler(address: str) -> None:
-    """End the command unless a Dask scheduler can be at an address."""
-    need("distributed")
-    found = _SCHEDULER.fullmatch(address)
-    if not found:
-        fail(f"--dask = '{address}': invalid scheduler address. Give it as tcp://host:8786.")
-    if not 0 < int(found["port"]) <= LARGEST_PORT:
-        fail(f"--dask = '{address}': invalid port. Give a port from 1 to {LARGEST_PORT}.")
-
-
 def count_without_metrics(results: SweepResult) -> int:
     """Return how many cases failed, or are unstable and have no metrics."""
     return len(results.without_result) + results.unstable
@@ -161,30 +145,32 @@ def print_results(plan: SweepPlan, target: Path, results: SweepResult) -> dict[s
     for number in results.damaged:
         journal = sweep_study.journal_of(target)
         err.say(f"line {number} of {journal} was damaged. Its case was run again.")
-    has_metrics = count_without_metrics(results) < total
-    is_uncertain = request.uncertain is not None
-    if has_metrics and not is_uncertain and (len(keys) == 1 or are_few(rows)):
-        out.print(cases_table(rows, keys))
-    if has_metrics:
-        out.print(extremes_table(rows, keys))
-    if not is_uncertain:
+    names = metrics_with_values(rows)
+    draws, phases = request.uncertain is not None, TOUCH_PHASE_KEY in keys
+    over_phases: list[dict[str, Any]] = []
+    if draws and names:
+        axes = [axis.key for axis in plan.design.axes]
+        title = "Over draws of the uncertain keys: median (2.5 to 97.5 %)"
+        # As many metrics as fit side by side in 80 columns.
+        out.print(settings_table(rows, axes, names[: max(2, 4 - len(axes))], title, _quantiles))
+    elif names and (len(keys) == 1 or len(rows) <= _MOST_ROWS):
+        title = "Cases, against no control"
+        out.print(settings_table(rows, keys, names, title, _value))
+    if names:
+        out.print(extremes_table(rows, keys, names))
+    if not draws:
         _print_best(plan, results)
-    if is_uncertain and has_metrics:
-        out.print(quantiles_table(rows, [axis.key for axis in plan.design.axes]))
-    phased = TOUCH_PHASE_KEY in keys and request.design == "grid" and not is_uncertain
-    shown = tuple(metrics_with_values(rows))
-    over_phases = grouped(rows, keys, shown) if phased and shown else []
-    if over_phases:
+    if phases and names and request.design == "grid" and not draws:
         others = [key for key in keys if key != TOUCH_PHASE_KEY]
-        out.print(phases_table(over_phases, others, shown[:2]))
+        over_phases = grouped(rows, others, names)
+        title = "Over touch phases: mean (least to most)"
+        out.print(settings_table(rows, others, names[:2], title, _spread))
     rate = results.ran / results.wall_s if results.wall_s else 0.0
     kept = f"{total - results.ran} finished before, " if results.ran < total else ""
     out.say(
         f"{total} cases: {kept}{results.ran} run in {results.wall_s:z.2f} s, {rate:z.0f} cases/s. "
         f"Results: {target}"
     )
-    for hint in flight_lines(plan.setup, request.span, rows):
-        out.say(hint)
     out_of_range = counted(rows, "out_of_range")
     _print_warnings(results, total, out_of_range)
     return {
@@ -198,10 +184,7 @@ def print_results(plan: SweepPlan, target: Path, results: SweepResult) -> dict[s
         "damaged_lines": results.damaged,
         "leaves_out": counted(rows, "leaves_out"),
         "out_of_range": out_of_range,
-        "over_phases": [
-            {key: asdict(value) if key in shown else value for key, value in group.items()}
-            for group in over_phases
-        ],
+        "over_phases": over_phases,
         "results": str(target),
     }
 
@@ -216,24 +199,6 @@ def draw_results(picture: Path, plan: SweepPlan, results: SweepResult) -> None:
         return
     pictures.save(draw(results.rows, plan.design.keys, plan.design.kind), picture)
     out.say(f"Picture: {picture}")
-
-
-def flight_lines(setup: Setup, span: Span, rows: Rows) -> list[str]:
-    """Return a hint where most of the time that the first impacts take to simulate is flight."""
-    having = with_metric(rows, "contact_us")
-    if span != "impact" or not having or {"run.duration_s", "run.step_ns"} & set(having[0]):
-        return []
-    contact_s = 1e-6 * max(row["contact_us"] for row in having)
-    simulated_s = setup.run.step_s * sum(row["steps"] for row in having) / len(having)
-    enough_s = setup.first_touch_s + _CONTACTS * contact_s
-    if simulated_s < _WORTH * enough_s:
-        return []
-    return [
-        f"Most of the simulated time is flight: a case simulates {quantity(simulated_s, 's')} on "
-        f"average, a contact lasts {quantity(contact_s, 's')} at most. "
-        f"--set run.duration_s={1.05 * enough_s:.2g} is about {simulated_s / enough_s:.0f} times "
-        "faster."
-    ]
 
 
 def _print_best(plan: SweepPlan, results: SweepResult) -> None:
@@ -281,60 +246,61 @@ def _print_warnings(results: SweepResult, total: int, out_of_range: dict[str, in
         )
 
 
-def extremes_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
+def extremes_table(rows: Rows, keys: list[str], names: Sequence[str]) -> Table:
     """Return the least and the largest value of each metric, and the keys that gave them."""
     table = Table(title="Against no control")
     for heading in ("metric", "least", "at", "largest", "at"):
         table.add_column(heading, justify="left" if heading in ("metric", "at") else "right")
-    for metric, *words in extremes(rows, keys, metrics_with_values(rows)):
-        table.add_row(metric, *words)
-    return table
-
-
-def cases_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
-    """Return keys and metrics of each case; of many cases every so many."""
-    every = max(1, -(-len(rows) // _MOST_ROWS))
-    shown = rows[::every]
-    names = metrics_with_values(rows)
-    count = f"{len(shown)} of {len(rows)} cases" if every > 1 else "All cases"
-    right = [*(key.split(".")[-1] for key in keys), *names]
-    table = Table(right=right, title=f"{count}, against no control")
-    for row in shown:
-        cells = (f"{row[name]:z.2f}" if with_metric([row], name) else "" for name in names)
-        table.add_row(*(short(row[key]) for key in keys), *cells)
-    return table
-
-
-def are_few(rows: list[dict[str, Any]]) -> bool:
-    """Return whether a table shows every case."""
-    return len(rows) <= _MOST_ROWS
-
-
-def quantiles_table(rows: list[dict[str, Any]], keys: list[str]) -> Table:
-    """Return median and 95 % range of metrics over the draws; a row for each setting of `keys`."""
-    # As many metrics as fit side by side in 80 columns.
-    names = metrics_with_values(rows)[: max(2, 4 - len(keys))]
-    right = [*(key.split(".")[-1] for key in keys), *names]
-    table = Table(right=right, title="Over draws of the uncertain keys: median (2.5 to 97.5 %)")
-    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
-    for values, group in list(groups.items())[:_MOST_ROWS]:
+    for name in names:
         cells = []
-        for name in names:
-            having = [row[name] for row in with_metric(group, name)] or [math.nan]
-            low, middle, high = np.percentile(having, [2.5, 50.0, 97.5])
-            cells.append(f"{middle:.4g} ({low:.4g} to {high:.4g})")
-        table.add_row(*(short(value) for value in values), *cells)
+        for pick in (min, max):
+            row = pick(with_metric(rows, name), key=lambda row: row[name])
+            at = ", ".join(f"{key.split('.')[-1]} {short(row[key])}" for key in keys)
+            cells += [f"{row[name]:z.2f}", at]
+        table.add_row(name, *cells)
     return table
 
 
-def phases_table(groups: list[dict[str, Any]], keys: list[str], metrics: Sequence[str]) -> Table:
-    """Return mean and range over the touch phase; a row for each setting of the other keys."""
-    right = [*(key.split(".")[-1] for key in keys), *metrics]
-    table = Table(right=right, title="Over touch phases: mean (least to most)")
-    for group in groups[:_MOST_ROWS]:
-        table.add_row(*(short(group[key]) for key in keys), *(str(group[f]) for f in metrics))
-    if len(groups) > _MOST_ROWS:
-        table.caption = f"and {len(groups) - _MOST_ROWS} more; --json has them all"
+def settings_table(
+    rows: Rows,
+    keys: list[str],
+    names: Sequence[str],
+    title: str,
+    words: Callable[[list[float]], str],
+) -> Table:
+    """Return keys and metrics, a line for the rows that agree in `keys`; of many every so many.
+
+    Args:
+        rows: Rows of the cases.
+        keys: Keys that tell the lines apart.
+        names: The metrics.
+        title: Title of the table.
+        words: What a cell says of the values of a metric in the rows of its line.
+    """
+    groups = with_equal(rows, keys)
+    shown = groups[:: -(-len(groups) // _MOST_ROWS)]
+    right = [*(key.split(".")[-1] for key in keys), *names]
+    table = Table(right=right, title=title)
+    if len(shown) < len(groups):
+        table.caption = f"{len(shown)} of {len(groups)}; the file of results has all"
+    for group in shown:
+        values = ([metric_of(row, name) for row in group] for name in names)
+        table.add_row(*(short(group[0][key]) for key in keys), *map(words, values))
     return table
+
+
+def _value(values: list[float]) -> str:
+    """Return the metric of a case; empty without one."""
+    return "" if math.isnan(values[0]) else f"{values[0]:z.2f}"
+
+
+def _spread(values: list[float]) -> str:
+    """Return mean, least and largest value."""
+    return str(spread_of(values))
+
+
+def _quantiles(values: list[float]) -> str:
+    """Return median and 95 % range of the values that are known."""
+    known = [value for value in values if not math.isnan(value)] or [math.nan]
+    low, middle, high = np.percentile(known, [2.5, 50.0, 97.5])
+    return f"{middle:.4g} ({low:.4g} to {high:.4g})"

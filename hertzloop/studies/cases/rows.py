@@ -24,11 +24,19 @@ def with_metric(rows: Rows, metric: str) -> Rows:
     return [row for row in rows if not math.isnan(metric_of(row, metric))]
 
 
+def with_equal(rows: Rows, keys: list[str]) -> list[Rows]:
+    """Return the rows that agree in some keys, each together, in the order of the rows."""
+    found: dict[str, Rows] = {}
+    for row in rows:
+        found.setdefault(repr([row[key] for key in keys]), []).append(row)
+    return list(found.values())
+
+
 def metrics_with_values(rows: Rows) -> list[str]:
     """Return the metrics that are shown of some cases: those that a case has. A rebound that is
     zero without control has no share of that, so its height is shown."""
     names = [name for name in SHOWN if with_metric(rows, name)]
-    if names and "rebound_percent" not in names:
+    if names and "rebound_percent" not in names and with_metric(rows, "rebound_height_mm"):
         names.insert(1, "rebound_height_mm")
     return names
 

@@ -1,12 +1,14 @@
 """Cases of a study at several phases of the first touch; see `results.touch_phases`."""
 
+from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from hertzloop.results.spans import Span
 from hertzloop.results.touch_phases import FEW, TOUCH_PHASE_KEY, Spread, phases, spread_of
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.evaluate import Pool, evaluate
-from hertzloop.studies.cases.rows import Rows, metric_of
+from hertzloop.studies.cases.rows import Rows, metric_of, with_equal
 
 
 def at_all(case: dict[str, Any], count: int = FEW) -> list[dict[str, Any]]:
@@ -23,18 +25,15 @@ def spread_over(
     return [_spreads(group, metrics) for group in groups]
 
 
-def _spreads(rows: Rows, metrics: tuple[str, ...]) -> dict[str, Spread]:
+def _spreads(rows: Rows, metrics: Sequence[str]) -> dict[str, Spread]:
     return {name: spread_of([metric_of(row, name) for row in rows]) for name in metrics}
 
 
-def grouped(rows: Rows, keys: list[str], metrics: tuple[str, ...]) -> list[dict[str, Any]]:
-    """Return one dictionary for all rows that differ in their phase only: the other `keys`, and the
-    spread of `metrics`, in the order of the rows."""
-    others = [key for key in keys if key != TOUCH_PHASE_KEY]
-    found: dict[str, Rows] = {}
-    for row in rows:
-        found.setdefault(repr([row[key] for key in others]), []).append(row)
+def grouped(rows: Rows, keys: list[str], metrics: Sequence[str]) -> list[dict[str, Any]]:
+    """Return one dictionary for all rows that agree in `keys`: these, and the spread of metrics as
+    plain data, in the order of the rows."""
     return [
-        {key: group[0][key] for key in others} | _spreads(group, metrics)
-        for group in found.values()
+        {key: group[0][key] for key in keys}
+        | {name: asdict(one) for name, one in _spreads(group, metrics).items()}
+        for group in with_equal(rows, keys)
     ]

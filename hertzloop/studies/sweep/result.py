@@ -1,13 +1,11 @@
 """The result of a sweep, and what its rows tell together."""
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from hertzloop.results.cases import CaseState
-from hertzloop.studies.cases.rows import Rows, with_metric, without_result
-from hertzloop.studies.pages.words import short
+from hertzloop.studies.cases.rows import Rows, without_result
 
 
 @dataclass(frozen=True)
@@ -51,20 +49,3 @@ def counted(rows: Rows, column: str) -> dict[str, int]:
     """Return how many cases have each of the names in a column of `CaseMetrics`."""
     names = (name for row in rows for name in (row[column] or "").split(", ") if name)
     return dict(Counter(names).most_common())
-
-
-def extremes(rows: Rows, keys: list[str], metrics: Sequence[str]) -> list[list[str]]:
-    """Return where each metric is least and largest, in words: its name, the least value and its
-    keys, the largest value and its keys."""
-    found = []
-    for metric in metrics:
-        having = with_metric(rows, metric)
-        if not having:
-            continue
-        ends = [pick(having, key=lambda row: row[metric]) for pick in (min, max)]
-        where = [
-            ", ".join(f"{key.split('.')[-1]} {short(row[key])}" for key in keys) for row in ends
-        ]
-        least, most = (f"{row[metric]:z.2f}" for row in ends)
-        found.append([metric, least, where[0], most, where[1]])
-    return found

@@ -95,10 +95,6 @@ ANSWERS = {
 }  # fmt: skip
 # They need a package of `.[all-tests]`.
 DASK = {
-    "sweep --over sensors.bits=8,9 --dask nonsense":
-    "--dask = 'nonsense': invalid scheduler address. Give it as tcp://",
-    "sweep --over sensors.bits=8,9 --dask tcp://[::1]:99999":
-    "--dask = 'tcp://[::1]:99999': invalid port. Give a port from 1 to 65535",
 }  # fmt: skip
 
 
