@@ -100,8 +100,3 @@ def series_under(plant: Plant, commands: np.ndarray, steps: int | None = None) -
     unsent = empty_unsent(steps, 1)
     loop.run(plant_side(plant), known, unsent, begun + steps)
     return unsent.truth
-
-
-def free_start(plant: Plant, steps: int) -> np.ndarray:
-    """Step a plant without any force of the actuator; its time series, shape (10, steps)."""
-    return series_under(plant, np.zeros(1), steps)

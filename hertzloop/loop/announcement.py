@@ -7,9 +7,7 @@ from importlib.metadata import version
 from hertzloop.bus.messages_pb2 import (
     ControllerReport,
     Hello,
-    SceneText,
 )
-from hertzloop.bus.port import Publisher
 from hertzloop.common.version import __version__
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
@@ -38,17 +36,6 @@ def hello(setup: Setup, stiffness: float) -> Hello:
         law=loaded_law(setup).name,
         law_digest=loaded_law(setup).digest,
     )
-
-
-def announce(publisher: Publisher, setup: Setup, first: Hello) -> None:
-    """Send the first message of a run.
-
-    The hello must fit into the memory of a microcontroller, which needs no file of modes. If it
-    lacks the contents of files, the whole scene is sent before it.
-    """
-    if (whole := to_toml(setup.scene)) != first.scene_toml:
-        publisher.send("scene", SceneText(scene_toml=whole))
-    publisher.send("hello", first)
 
 
 def controller_report(setup: Setup, law: str | None = None) -> ControllerReport:

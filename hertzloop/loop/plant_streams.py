@@ -14,13 +14,14 @@ from hertzloop.bus.messages_pb2 import (
     EnergyBalance,
     EventKind,
     LawText,
+    SceneText,
     TruthBlock,
 )
 from hertzloop.bus.port import BusError, Publisher
 from hertzloop.bus.streams import StreamFault
 from hertzloop.closed_loop.exchange import SAMPLES_END, SAMPLES_FIRST, TRUTH_END, TRUTH_FIRST
 from hertzloop.closed_loop.parts import empty_unsent
-from hertzloop.loop.announcement import announce, hello
+from hertzloop.loop.announcement import hello
 from hertzloop.loop.events import PlantEvents
 from hertzloop.plant.contact.yielding import above_dent_m
 from hertzloop.plant.schemes.registry import SCHEMES
@@ -29,6 +30,7 @@ from hertzloop.plant.time_series import DEEPEST, TRUTH, XI
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
+from hertzloop.scene.toml import to_toml
 
 BLOCK_STEPS = 1000  # blocks end at whole multiples of it
 ROOM_STEPS = 10 * BLOCK_STEPS  # steps in a block of truth, samples in a block at most
@@ -113,10 +115,12 @@ class PlantStreams:
     def announce_run(self) -> None:
         """Announce the run.
 
-        The text of the law goes to the recorder alone: the hello must fit into the memory of a
-        microcontroller.
+        The hello must fit into the memory of a microcontroller. If it lacks the contents of files,
+        the whole scene is sent before it; the text of the law goes to the recorder alone.
         """
-        announce(self.publisher, self.setup, self.hello)
+        if (whole := to_toml(self.setup.scene)) != self.hello.scene_toml:
+            self.publisher.send("scene", SceneText(scene_toml=whole))
+        self.publisher.send("hello", self.hello)
         if source := loaded_law(self.setup).source:
             self.publisher.send("law", LawText(source=source))
 

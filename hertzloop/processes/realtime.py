@@ -9,8 +9,7 @@ import gc
 import math
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import contextmanager
 from typing import Literal
 
 from hertzloop.bus.streams import RECORDER
@@ -51,7 +50,7 @@ class RealtimeProfile:
             )
         else:
             self._in_class = True
-            said.append("SCHED_FIFO for receiving" if role == RECORDER else _loops_class())
+            said.append("SCHED_FIFO for receiving" if role == RECORDER else "SCHED_FIFO")
         self.line = ", ".join(said)
 
     @contextmanager
@@ -76,18 +75,6 @@ class RealtimeProfile:
                 _schedule(os.SCHED_OTHER, 0)
             if collects:
                 gc.enable()
-
-
-def _loops_class() -> str:
-    """The class of a loop, and how much of the time it has that."""
-    with suppress(OSError, ValueError):
-        most, period = (
-            int(Path(f"/proc/sys/kernel/sched_rt_{what}_us").read_text())
-            for what in ("runtime", "period")
-        )
-        if 0 <= most < period:
-            return f"SCHED_FIFO for {most / period:.0%} of a second (sched_rt_runtime_us = {most})"
-    return "SCHED_FIFO"
 
 
 def _schedule(policy: int, priority: int) -> None:

@@ -33,7 +33,7 @@ from hertzloop.scene.setup import Setup
 if TYPE_CHECKING:
     from hertzloop.loop.controller_node import ControllerNode
 
-_HEAR_FAULT_S = 2.0  # for the others to hear of a fault, and for the scene to come after one
+_HEAR_FAULT_S = 2.0  # for the others to hear of a fault
 _COMPLETION_S = 60.0  # for the recorder to close its file, at least
 # For an interrupted role to end in order, before the launcher kills it, and for the controller to
 # leave.
@@ -222,19 +222,6 @@ def _recording(recorder: Recorder) -> Iterator[Recorder]:
     recorder.close()
 
 
-def _hear_scene(port: ZenohPort, recorder: Recorder) -> None:
-    """After a fault that came first: the plant's hello may be on its way, on another link, and
-    without a scene there would be no recording to read."""
-    until_s = time.monotonic() + _HEAR_FAULT_S
-    with suppress(BusError, StreamFault, RecordingError):  # the first fault is the one to tell
-        while "hello" not in recorder.counters:
-            envelope = port.receive(
-                max(until_s - time.monotonic(), 0.0), "the plant's hello", [PLANT]
-            )
-            if envelope.stream in ("scene", "hello"):
-                recorder.handle(envelope)
-
-
 def run_recorder(
     path: Path,
     address: BusAddress,
@@ -255,11 +242,7 @@ def run_recorder(
                 patience_s = address.wait_s
                 while not recorder.done:
                     envelope = port.receive(patience_s, "messages from plant and controller", ROLES)
-                    try:
-                        recorder.handle(envelope)
-                    except StreamFault:
-                        _hear_scene(port, recorder)
-                        raise
+                    recorder.handle(envelope)
                     if envelope.stream in ("force", "end/controller", "end/plant"):
                         patience_s = _WAITS[RECORDER] * options.timeout_s
                     if envelope.stream.startswith("end/"):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from hertzloop.closed_loop.parts import free_start
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.estimates.model_order import least_limit_hz
 from hertzloop.plant.plant import Plant, PlantSpec
@@ -64,4 +64,4 @@ def build_sensor(setup: Setup, steps: int | None = None) -> Sensor:
 def free_series(setup: Setup) -> np.ndarray:
     """Simulate the plant alone, without any force of the actuator; its time series, shape
     (10, steps)."""
-    return free_start(build_plant(setup), setup.run.steps)
+    return series_under(build_plant(setup), np.zeros(1), setup.run.steps)

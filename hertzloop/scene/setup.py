@@ -190,7 +190,7 @@ def resolve(scene: Resolvable, announced_stiffness: float | None = None) -> Setu
         and run.plate_model != "infinite"
     )
     mechanics = resolve_mechanics(scene.plant_tables, knows_yield)
-    path = resolve_signal_path(scene.controller, scene.actuator, sensors.every_steps, run.step_ns)
+    path = resolve_signal_path(scene.controller, scene.actuator, sensors.every_steps, run)
     plant = describe_plant(
         mechanics, scene.plate.tail, run.scheme, run.step_ns, run.lead_in_s, run.accuracy
     )

@@ -7,19 +7,16 @@ import numpy as np
 from hertzloop.common.changed_fields import changed_fields
 from hertzloop.controller.controller import SMOOTH_PATH_FIELDS, SignalPath
 from hertzloop.scene.controller_table import ControllerTable
-from hertzloop.scene.tables import ActuatorTable
+from hertzloop.scene.tables import ActuatorTable, RunTable
 from hertzloop.sensors.acquisition import SMOOTH_FIELDS, SensorSpec
 
 
 def resolve_signal_path(
-    table: ControllerTable, actuator: ActuatorTable, every_steps: int, step_ns: int
+    table: ControllerTable, actuator: ActuatorTable, every_steps: int, run: RunTable
 ) -> SignalPath:
     """The signal path from the law to the actuator."""
-
-    def steps(time_us: float) -> int:
-        return round(time_us * 1000 / step_ns)
-
-    trace = np.rint(np.array(table.latency_trace or ()) * 1000 / step_ns).astype(int)
+    steps = run.in_steps
+    trace = np.rint(np.array(table.latency_trace or ()) * 1000 / run.step_ns).astype(int)
     least = int(trace.min()) if trace.size else steps(table.latency_us)
     stuck_s = actuator.stuck_from_s
     dead = steps(actuator.dead_time_us or 0.0)
@@ -33,7 +30,7 @@ def resolve_signal_path(
         dead_steps=dead,
         stuck_step=None if stuck_s is None else steps(1e6 * stuck_s),
         latency_steps=least,
-        jitter_steps=round(table.jitter_us * 1000 / step_ns),
+        jitter_steps=steps(table.jitter_us),
         drop_out_probability=table.drop_out_probability,
         bits=None if table.bits == "ideal" else int(table.bits),
         full_scale_n=table.full_scale_n,

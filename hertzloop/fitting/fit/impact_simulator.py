@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from hertzloop.closed_loop.parts import free_start
+from hertzloop.closed_loop.parts import series_under
 from hertzloop.fitting.fit.free_keys import drop_values
 from hertzloop.fitting.fit.simulated_impact import SimulatedImpact
 from hertzloop.loop.simulate import simulate
@@ -222,7 +222,7 @@ class ImpactSimulator:
         """Simulate the drop of another plant until `until_s` after the touch."""
         steps = 16 + math.ceil((until_s + LEAD_IN_S) * 1e9 / self.step_ns)
         plant = self.plant_of(spec)
-        truth = free_start(plant, steps)
+        truth = series_under(plant, np.zeros(1), steps)
         time_s = np.arange(steps) * spec.step_s - _lead_s(spec)
         return self.as_impact(spec, plant, time_s, truth)
 
