@@ -134,8 +134,6 @@ class InProcessBus:
 class InProcessPort:
     """Port of one role on an InProcessBus; collects what came until it is received."""
 
-    waited_s = 0.0
-
     def __init__(self, bus: InProcessBus, role: str, handler: Handler | None = None) -> None:
         self.role = role
         self._bus = bus

@@ -24,10 +24,8 @@ SAMPLE_WORDS, ANSWER_WORDS = 2, 4
 # ring, SAMPLES_ANSWERED: samples that it has answered there.
 # LAST_UNGRANTED: samples that the controller had answered when it last answered one without a
 # trigger level.
-# WAITS, WAITED_NS: how often, and about how long, this end has waited for the other.
-OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_ANSWERED, LAST_UNGRANTED, WAITS, WAITED_NS = range(9)
-OWN_COUNTS = 9
-_TIME_EVERY = 8  # waits, of which one is timed: a clock is as slow as a short wait
+OPEN, TAKEN, PUT, ROOM, FORCES_PUT, SAMPLES_ANSWERED, LAST_UNGRANTED = range(7)
+OWN_COUNTS = 7
 # No ints: Numba would compile `_wait_slowly` once for each value.
 _SLEEP_US, _AT_ONCE = np.int64(50), np.int64(0)
 _REST_AFTER = 1000  # samples under a trigger level; they took longer than a rest may delay
@@ -62,25 +60,16 @@ def _wait_slowly(ring, at, expected, yield_ns, rest_us):
         else:
             sleep_us(rest_us)
         waited = now_ns() - began
-    ring.own[WAITED_NS] += waited
     return load_acquire(ring.words, at) >= expected
 
 
 @kernel(inline=True)
 def _wait(ring, at, expected):
     """Wait until word `at`, which grows, has reached `expected`; False if it did not in time."""
-    own = ring.own
-    own[WAITS] += 1
-    timed = own[WAITS] % _TIME_EVERY == 0
-    began = now_ns() if timed else 0
-    there = False
     for _ in range(ring.spins):
         if load_acquire(ring.words, at) >= expected:
-            there = True
-            break
-    if timed:
-        own[WAITED_NS] += _TIME_EVERY * (now_ns() - began)
-    return there or _wait_slowly(ring, at, expected, ring.yield_ns, _SLEEP_US)
+            return True
+    return _wait_slowly(ring, at, expected, ring.yield_ns, _SLEEP_US)
 
 
 @kernel(inline=True)

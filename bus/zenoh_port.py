@@ -60,7 +60,7 @@ class ZenohPort:
         timeout_s: float = 5.0,
     ) -> None:
         os.environ.setdefault("ZENOH_RUNTIME", SMALL_RUNTIME)
-        self.role, self.name, self.waited_s = role, name, 0.0
+        self.role, self.name = role, name
         self._first: Envelope | BaseException | None = None  # out of the inbox
         self._inbox: queue.SimpleQueue[Envelope | BaseException] = queue.SimpleQueue()
         self._timeout_s = timeout_s
@@ -166,7 +166,7 @@ class ZenohPort:
 
     def receive(self, timeout_s: float, awaited: str, senders: Collection[str] = ()) -> Envelope:
         """Next message; see Port. A role's departure is reported after what it sent."""
-        began = now = time.monotonic()
+        now = time.monotonic()
         deadline = now + timeout_s
         while True:
             wait_s = max(0.0, deadline - now)
@@ -185,7 +185,6 @@ class ZenohPort:
             if isinstance(item, Envelope):
                 if item.stream.startswith("end/"):
                     self._check_all_sent()
-                self.waited_s += time.monotonic() - began
                 return item
             if not isinstance(item, PeerLost):
                 raise item

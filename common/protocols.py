@@ -210,12 +210,10 @@ class SensedQuantity(NamedTuple):
 class Port(Protocol):
     """One role's access to the bus. Delivery is in order and complete per stream.
 
-    `waited_s`: wall time that `receive` has waited for messages. See `InProcessPort` in
-    `bus/port.py` and `bus/zenoh_port.py`.
+    See `InProcessPort` in `bus/port.py` and `bus/zenoh_port.py`.
     """
 
     role: str
-    waited_s: float
 
     def publish(self, envelope: Envelope) -> None:
         """Send to everyone who subscribed. Blocks when they cannot keep up."""

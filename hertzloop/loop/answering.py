@@ -7,7 +7,7 @@ from zlib import crc32
 
 import numpy as np
 
-from hertzloop.bus.ring_kernels import FORCES_PUT, OPEN, SAMPLES_ANSWERED, WAITED_NS, Ring
+from hertzloop.bus.ring_kernels import FORCES_PUT, OPEN, SAMPLES_ANSWERED, Ring
 from hertzloop.bus.streams import StreamFault
 from hertzloop.closed_loop.answer import Job, answer
 from hertzloop.closed_loop.exchange import GAP, NO_NUMBER, SILENT
@@ -93,11 +93,6 @@ class Answering:
     def in_ring(self) -> bool:
         """Whether samples come in shared memory."""
         return bool(self._job.ring.own[OPEN])
-
-    @property
-    def waited_s(self) -> float:
-        """Wall time in which this side has waited for the plant in the ring."""
-        return 1e-9 * float(self._job.ring.own[WAITED_NS])
 
     @property
     def full(self) -> bool:

@@ -92,11 +92,6 @@ class ControllerNode:
         """Number of samples that the law was given."""
         return self._answering.taken if self._answering else 0
 
-    @property
-    def waited_s(self) -> float:
-        """Wall time in which the controller has waited for the plant."""
-        return self.port.waited_s + (self._answering.waited_s if self._answering else 0.0)
-
     def work(self, timeout_s: float) -> None:
         """Receive what comes next, from the bus or from shared memory.
 

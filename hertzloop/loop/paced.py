@@ -56,11 +56,6 @@ class Paced:
         self._pace, self._step_ns = pace, setup.run.step_ns
         self.clock = new_clock(setup.run.steps, room, setup.run.step_ns / pace)
 
-    @property
-    def waited_s(self) -> float:
-        """Time in which the plant has waited for the clock."""
-        return 1e-9 * float(self.clock.counts[clocks.WAITED_NS])
-
     def started(self, exchange: Exchange, step: int) -> Exchange:
         """Start the clock at the present step; return the exchange that follows it."""
         sleep_precisely()

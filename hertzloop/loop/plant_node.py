@@ -16,7 +16,7 @@ from hertzloop.bus.port import (
     new_run_id,
     say_every_s,
 )
-from hertzloop.bus.ring_kernels import OPEN, WAITED_NS
+from hertzloop.bus.ring_kernels import OPEN
 from hertzloop.bus.sequence_checker import SequenceChecker
 from hertzloop.bus.streams import CONTROLLER, PLANT, StreamFault
 from hertzloop.closed_loop import clock as clocks
@@ -64,14 +64,12 @@ class LoopStats:
         exchanges: How often the plant waited for a force.
         run_id: Number of the run, as the recording gives it.
         shared_memory: Name of the controller's answer; "" if none was offered.
-        waited_s: Part of the wall time in which the plant waited.
     """
 
     wall_s: float
     exchanges: int
     run_id: str
     shared_memory: str = ""
-    waited_s: float = 0.0
 
 
 class PlantNode:
@@ -185,11 +183,8 @@ class PlantNode:
                 self._memory.leave(self.exchange)
         outcome = self._memory.outcome if self._memory else ""
         exchanges = self.exchanges + int(self.exchange.counts[EXCHANGES])
-        waited_s = self.port.waited_s + 1e-9 * float(self.exchange.ring.own[WAITED_NS])
-        if self._paced:
-            waited_s += self._paced.waited_s
         run_id = f"{streams.publisher.run_id:x}"
-        return LoopStats(wall_s, exchanges, run_id, outcome, min(waited_s, wall_s))
+        return LoopStats(wall_s, exchanges, run_id, outcome)
 
     def _go_in_lock_step(self) -> None:
         streams, steps = self.streams, self.setup.run.steps

@@ -182,7 +182,7 @@ class Launcher:
         return math.inf
 
     def _statistics(self) -> dict[str, Any]:
-        """Return what the roles report of a run in which none failed.
+        """Return what the plant reports of a run in which no role failed.
 
         Raises RunFailed if one of ours has not ended.
         """
@@ -192,9 +192,7 @@ class Launcher:
         if running:
             ended = f"the others had ended their part of the run {_LEAVE_S:g} s before"
             raise RunFailed(not_responding(running, ended))
-        stats = next(c.done for c in self.children if c.role == PLANT)
-        busy_s = {c.role: c.done["busy_s"] for c in reversed(self.children) if "busy_s" in c.done}
-        return stats | {"busy_s": busy_s}
+        return next(child.done for child in self.children if child.role == PLANT)
 
     def _end_all(self) -> None:
         """Let processes exit that have done their part; end the others, the plant first: it tells

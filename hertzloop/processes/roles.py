@@ -155,8 +155,7 @@ def run_plant(
             sentence = f"interrupted at step {node.streams.step}"
             node.streams.fail(sentence)
             raise Interrupted(f"plant was {sentence}") from error
-    busy_s = stats.wall_s - stats.waited_s
-    return vars(stats) | {"realtime": profile.line, "busy_s": busy_s}
+    return vars(stats) | {"realtime": profile.line}
 
 
 def run_controller(
@@ -177,7 +176,7 @@ def run_controller(
         report(ready=True)
         try:
             with profile.loop():
-                busy_s = _answer_all(node, address.wait_s, _WAITS[CONTROLLER] * options.timeout_s)
+                _answer_all(node, address.wait_s, _WAITS[CONTROLLER] * options.timeout_s)
         except (StreamFault, BusError, KeyboardInterrupt) as error:
             interrupted = isinstance(error, KeyboardInterrupt)
             sentence = "the controller was interrupted" if interrupted else str(error)
@@ -188,22 +187,20 @@ def run_controller(
             raise
         if node.fault:
             raise EndedByOther(f"the plant ended the run: {node.fault}")
-    return {"realtime": profile.line, "busy_s": busy_s}
+    return {"realtime": profile.line}
 
 
-def _answer_all(node: "ControllerNode", wait_s: float, timeout_s: float) -> float:
-    """Do the controller's part, to the end of the run; return the wall time in which it answered.
-    A law that never returns ends the process, after the plant has given it up."""
+def _answer_all(node: "ControllerNode", wait_s: float, timeout_s: float) -> None:
+    """Do the controller's part, to the end of the run. A law that never returns ends the process,
+    after the plant has given it up."""
     while node.setup is None and not node.done:
         node.work(wait_s)
     if node.setup is None:
-        return 0.0
-    started = time.monotonic() - node.waited_s
+        return
     patience_s = timeout_s + stuck_law.PATIENCE_S
     with stuck_law.watching(node.setup, lambda: node.law_samples, patience_s=patience_s):
         while not node.done:
             node.work(timeout_s)
-    return max(0.0, time.monotonic() - started - node.waited_s)
 
 
 @contextmanager
@@ -230,13 +227,11 @@ def run_recorder(
 ) -> dict[str, Any]:
     """The recorder process: writes everything down until both roles have ended."""
     profile = RealtimeProfile(options.realtime, RECORDER)
-    started = time.monotonic()
     with _joined(address, RECORDER, options, report) as port:
         with _recording(Recorder(path, options.overwrite, options.note)) as recorder:
             port.liveliness.announce()
             port.liveliness.wait_for([PLANT, CONTROLLER], address.wait_s)
             report(ready=True)
-            started_s = time.monotonic()
             with profile.loop():
                 # The run begins with the first forces: the controller may compile its law before.
                 patience_s = address.wait_s
@@ -248,9 +243,7 @@ def run_recorder(
                     if envelope.stream.startswith("end/"):
                         port.liveliness.release(envelope.stream.removeprefix("end/"))
             recorder.reconcile()
-            busy_s = time.monotonic() - started_s - port.waited_s
         if recorder.faults:
             raise EndedByOther(recorder.faults[0])
         port.liveliness.confirm_completion()
-    recorder_s = time.monotonic() - started
-    return {"recorder_s": recorder_s, "realtime": profile.line, "busy_s": busy_s}
+    return {"realtime": profile.line}

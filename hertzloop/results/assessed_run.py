@@ -38,8 +38,7 @@ class RunReport:
         balance: energy and momentum balance at the end of the run.
         stats: `wall_s`, wall time of the loop, s; `exchanges` between plant and controller;
             `shared_memory`, why these used shared memory or the bus; `realtime`, the real-time
-            profile; `busy_s`, wall time in which each role worked, by name; `waited_s`, wall time
-            in which the plant waited for the others or the clock.
+            profile.
         differs: first difference from the recording that the run repeats; empty if the bytes are
             equal, None without one.
         verification: result of a verification; None if no impact ends within the run.

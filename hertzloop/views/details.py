@@ -158,11 +158,6 @@ def error_words(expected: float | None, asked: float) -> str:
     return next(word for word in words if float(word) > asked or not missed(expected, asked))
 
 
-def _roles_words(busy_s: Mapping[str, float]) -> str:
-    roles = ", ".join(f"{role} {seconds:.3g} s" for role, seconds in busy_s.items())
-    return f"time by role: {roles}"
-
-
 def _plate_words(found: Mapping[str, Any]) -> str:
     if found["plate_model"] != "infinite":
         return ""
@@ -218,8 +213,6 @@ OF_RUN = (
     RunFact("exchanges", lambda r: int(r.stats["exchanges"]), "time", "{:,} exchanges".format),
     RunFact("shared_memory", lambda r: r.stats["shared_memory"], "time",
             lambda how: _SHARED.get(how, "")),
-    RunFact("busy_s", lambda r: r.stats.get("busy_s", {}), "time", _roles_words),
-    RunFact("waited_s", lambda r: r.stats["waited_s"], "time", "the plant waited {:.3g} s".format),
     RunFact("realtime", lambda r: r.stats.get("realtime", ""), "time",
             "real-time profile: {}".format),
     RunFact("struck", lambda r: model.structure_summary(r.setup), "plate", lambda s: s["name"]),

@@ -26,8 +26,6 @@ SCENE = "# made up\nkappa = 0.8"
 class Tape:
     """Port that keeps what is published."""
 
-    waited_s = 0.0
-
     def __init__(self, role: str) -> None:
         self.role = role
         self.sent: list[Envelope] = []

@@ -81,8 +81,6 @@ class Heard:
 class _Port:
     """Port of one role on the links."""
 
-    waited_s = 0.0
-
     def __init__(self, links: "Links", role: str) -> None:
         self.role, self._links = role, links
         self.inbox: deque[Envelope] = deque()

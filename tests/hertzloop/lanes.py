@@ -25,8 +25,6 @@ from tests.hertzloop.exchange import Heard
 class QueuePort:
     """Port of one role; `heard` gets what a recorder would."""
 
-    waited_s = 0.0
-
     def __init__(self, role: str, heard: list[Envelope]) -> None:
         self.role, self.heard, self.other = role, heard, self
         self.inbox: queue.SimpleQueue[Envelope] = queue.SimpleQueue()
