@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from hertzloop.common.errors import SceneError
 from hertzloop.common.jit import kernel as compiled_function
 from hertzloop.common.number_fields import refuse_no_numbers
 
@@ -40,10 +41,8 @@ def kernel(function: Callable[..., Any]) -> Any:
     return compiled_function(function, inline=True, allocates=True, checked=True)
 
 
-class LawError(ValueError):
+class LawError(SceneError):
     """There is no such law, or it cannot run; the sentence names the key and the remedy."""
-
-    exit_status = 2
 
 
 class Keys(BaseModel):

@@ -15,7 +15,6 @@ from hertzloop.bus.sequence_checker import SequenceChecker, compare_report
 from hertzloop.bus.streams import CONTROLLER, PLANT, Envelope, StreamFault
 from hertzloop.common.protocols import Port
 from hertzloop.controller.loading.bound import LawFault
-from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import check_digest
 from hertzloop.loop import answering
 from hertzloop.loop.announcement import controller_report
@@ -146,7 +145,7 @@ class ControllerNode:
             law = loaded_law(setup)
             check_digest(str(law.path), law.digest, announced or None)
             self._answering = Answering(build_controller(setup), self._commands_ahead)
-        except (SceneError, LawError) as error:
+        except SceneError as error:
             raise StreamFault(f"the plant announced an invalid scene: {error}") from error
         asked = setup.scene.controller.law  # as the plant calls it, wherever this side has it
         if self._law is not None:

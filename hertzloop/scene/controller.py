@@ -15,10 +15,9 @@ from hertzloop.controller.controller import (
 )
 from hertzloop.controller.law import LawContext
 from hertzloop.controller.loading.bound import BoundLaw
-from hertzloop.controller.loading.law import Law, LawError
+from hertzloop.controller.loading.law import Law
 from hertzloop.scene.build import build_plant, build_sensor
 from hertzloop.scene.controller_table import ControllerTable
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 from hertzloop.scene.setup import Setup
 from hertzloop.scene.uncontrolled import uncontrolled_force_n
@@ -86,10 +85,7 @@ def law_constants(setup: Setup) -> Any:
 def loaded_law(setup: Setup) -> Law:
     """Return the law as it was found, without constants. Raises SceneError where a recording has
     outlived its law."""
-    try:
-        return setup.scene.controller.loaded_law
-    except LawError as error:
-        raise SceneError(str(error)) from error
+    return setup.scene.controller.loaded_law
 
 
 def law_flight_m(setup: Setup) -> float:
@@ -125,20 +121,14 @@ def _bound(
     Raises:
         SceneError: the law cannot be prepared for the run.
     """
-    try:
-        return law.bound_to(_constants(law, table.keys, about, mechanics), ahead)
-    except LawError as error:
-        raise SceneError(str(error)) from error
+    return law.bound_to(_constants(law, table.keys, about, mechanics), ahead)
 
 
 def _constants(law: Law, keys: Any, about: LawContext, mechanics: Mechanics) -> Any:
     """Return what the functions of the law know. Raises SceneError if it refuses the run."""
-    try:
-        if math.isnan(about.impedance_n_s_m) and _needs_impedance(law, keys, about):
-            mechanics.local_plate  # noqa: B018 - says what is missing
-        return law.constants(keys, about)
-    except LawError as error:
-        raise SceneError(str(error)) from error
+    if math.isnan(about.impedance_n_s_m) and _needs_impedance(law, keys, about):
+        mechanics.local_plate  # noqa: B018 - says what is missing
+    return law.constants(keys, about)
 
 
 _TRIED_N_S_M = (100.0, 1000.0)  # impedances, to see whether a law takes any

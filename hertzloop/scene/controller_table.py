@@ -102,10 +102,10 @@ class ControllerTable(SceneTable):
         assert given is not None
         try:
             law = find(self.law, self.law_digest)
-        except LawError as error:
+        except LawError:
             if is_recorded(info):
                 return self
-            raise ValueError(str(error)) from error
+            raise
         own = law.keys.model_fields
         if taken := [name for name in own if name in ControllerTable.model_fields]:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""The error of a scene that cannot be simulated, and its sentences."""
+"""The sentences of errors in a scene."""
 
 import difflib
 import reprlib
@@ -8,14 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from hertzloop.common.errors import SceneError as SceneError
 from hertzloop.scene.fields import fields_at, takes
-
-
-class SceneError(ValueError):
-    """The scene cannot be simulated. The message names the key, its value and the remedy."""
-
-    exit_status = 2
-
 
 _LONGEST = 80  # letters of a value, of another's sentence some more
 LONGEST = 600  # letters of a whole sentence

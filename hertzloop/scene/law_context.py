@@ -10,7 +10,6 @@ from hertzloop.controller.loading.law import Law, LawError
 from hertzloop.plant.contact.hertz import rigid_impact
 from hertzloop.plant.contact.yielding import yield_depth_m
 from hertzloop.scene.controller_table import ControllerTable
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.mechanics import Mechanics
 from hertzloop.sensors.acquisition import SensorSpec
 
@@ -27,10 +26,7 @@ def law_force_bound(table: ControllerTable) -> ForceBound:
 
 @lru_cache(maxsize=16)
 def _law_force_bound(table: ControllerTable, law: Law) -> ForceBound:
-    try:
-        return law.force_bound(table.keys)
-    except LawError as error:
-        raise SceneError(str(error)) from error
+    return law.force_bound(table.keys)
 
 
 def resolve_law_context(

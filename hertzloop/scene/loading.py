@@ -139,8 +139,6 @@ def validate_scene(
         if isinstance(control, dict) and isinstance(law, str) and law not in shipped_laws():
             data = {**data, "controller": {**control, "law": resolve(law, folder)}}
         return Scene.model_validate(data, context={"recorded": recorded})
-    except LawError as error:
-        raise SceneError(str(error)) from error
     except ValidationError as error:
         raise SceneError(sentence(error, Scene)) from error
 

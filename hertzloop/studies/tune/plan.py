@@ -6,10 +6,8 @@ from itertools import product
 from typing import Any
 
 from hertzloop.controller.law import LawContext
-from hertzloop.controller.loading.law import LawError
 from hertzloop.controller.loading.registry import find, resolve, shipped
 from hertzloop.results.cases import OBJECTIVES
-from hertzloop.scene.errors import SceneError
 from hertzloop.scene.rules import check_conserves
 from hertzloop.scene.setup import Setup
 from hertzloop.studies.cases.axis import Axis, DesignError, axes_from
@@ -124,10 +122,7 @@ def _combinations(request: TuneRequest) -> list[dict[str, Any]]:
 def ranges_of(law: str, impact_speed_m_s: float) -> tuple[Axis, ...]:
     """Return the usual ranges of a law's parameters. Raises SceneError."""
     about = LawContext(impact_speed_m_s=impact_speed_m_s)
-    try:
-        ranges = find(resolve(law)).ranges(about).items()
-    except LawError as error:
-        raise SceneError(str(error)) from error
+    ranges = find(resolve(law)).ranges(about).items()
     return tuple(Axis(f"controller.{key}", (), low, high) for key, (low, high) in ranges)
 
 
