@@ -10,7 +10,6 @@ from hertzloop.recordings.recording import Event, Recording, SampledStream
 from hertzloop.recordings.writer import RecordingError
 from hertzloop.results.metric_rows import Rows, metric_rows
 from hertzloop.results.metrics import Metrics, RunResult, Saturation, free_metrics, metrics_of
-from hertzloop.results.model import Yield, yield_of
 from hertzloop.results.predictability import Predictability, predictability
 from hertzloop.results.recorded import (
     MOST_WORK,
@@ -68,7 +67,6 @@ class Inspected:
         problems: A sentence on each missing or damaged part.
         law: Law that the forces come from.
         pacing: Missed deadlines of a paced or repeated run; None in lock-step.
-        yielded: Permanent indentation, if the contact yielded.
         assessment: The metrics, beside those without control if these are wanted; None if the
             recording has no metrics.
     """
@@ -77,7 +75,6 @@ class Inspected:
     problems: Sequence[str]
     law: RecordedLaw
     pacing: Pacing | None
-    yielded: Yield | None
     assessment: Assessment | None = None
 
     @property
@@ -110,8 +107,8 @@ def inspected(
     A file may hold any numbers. If no metrics follow from them, that is one more problem of the
     recording, not an error of the program.
     """
-    law, pacing, yielded = law_of(recording), pacing_of(recording), yield_of(recording.balance)
-    bare = Inspected(recording, recording.problems, law, pacing, yielded)
+    law, pacing = law_of(recording), pacing_of(recording)
+    bare = Inspected(recording, recording.problems, law, pacing)
     try:
         setup = setup or setup_of(recording)
         problem = _contradiction(recording.truth, setup)

@@ -95,7 +95,7 @@ def _damped_residual(
         return True
     if mechanics.mass_at_contact or not _residual_fits_a_plate(plate, step_s):
         return False
-    return wavelengths_to_edge(mechanics, limit_hz) >= NEAREST
+    return _wavelengths_to_edge(mechanics, limit_hz) >= NEAREST
 
 
 def _why_not_damped(plate: Structure) -> str:
@@ -125,7 +125,7 @@ def _residual_fits_a_plate(plate: Structure, step_s: float) -> bool:
     return plate.residual_flexibility_m_n(last) <= most
 
 
-def wavelengths_to_edge(mechanics: Mechanics, limit_hz: float) -> float:
+def _wavelengths_to_edge(mechanics: Mechanics, limit_hz: float) -> float:
     """How far the contact point is from the nearest edge, in lengths of bending waves at a limit;
     inf where modes come from a file and no edge is known."""
     plate = mechanics.structure

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 from hertzloop.bus.messages_pb2 import EnergyBalance
 from hertzloop.common.readable import quantity
 from hertzloop.controller.loading.registry import shipped
+from hertzloop.plant.schemes.modal import impedance_n_s_m
 from hertzloop.plant.schemes.registry import SCHEMES
-from hertzloop.results import model
 from hertzloop.results.assessed_run import RunReport
 from hertzloop.results.inspection import Inspected
 from hertzloop.results.recorded import RecordedLaw
@@ -124,14 +124,24 @@ def yield_words(found: Mapping[str, float]) -> str:
     return f"a dent of {quantity(found['dent_m'], 'm')}, {dissipated} dissipated"
 
 
-def pressure_words(limit: Mapping[str, Any]) -> str:
-    """Describe the pressure at which a contact yields, and where it comes from."""
-    words, by = f"limiting pressure {quantity(limit['pressure_pa'], 'Pa')}", limit["by"]
-    if by is None:
+def _limiting_pressure(setup: Setup) -> float | None:
+    """Return the pressure at which the contact yields, Pa; None of one that does not yield."""
+    limit = setup.mechanics.contact.limit
+    return None if limit is None else limit.pressure_pa
+
+
+def pressure_words(setup: Setup) -> str:
+    """Describe the pressure at which the contact yields, and where it comes from."""
+    pressure_pa, weaker = _limiting_pressure(setup), setup.mechanics.weaker
+    if pressure_pa is None:
+        return ""
+    words = f"limiting pressure {quantity(pressure_pa, 'Pa')}"
+    if weaker is None or setup.scene.contact.limiting_pressure_pa is not None:
         return f"{words}, as the scene says"
+    body, by = weaker
     return (
-        f"{words}: {by['factor']:g} times the {by['measure']} of the {by['body']}, "
-        f"{quantity(by['value_pa'], 'Pa')}, known to {100 * by['spread']:z.0f} %"
+        f"{words}: {by.factor:g} times the {by.measure} of the {body}, "
+        f"{quantity(by.value_pa, 'Pa')}, known to {100 * by.spread:z.0f} %"
     )
 
 
@@ -158,10 +168,26 @@ def error_words(expected: float | None, asked: float) -> str:
     return next(word for word in words if float(word) > asked or not missed(expected, asked))
 
 
-def _plate_words(found: Mapping[str, Any]) -> str:
-    if found["plate_model"] != "infinite":
+def _yield(found: Inspected) -> dict[str, float] | None:
+    """Return the permanent indentation, m, and the energy, J, of a contact that yielded."""
+    balance = found.recording.balance
+    if balance is None or balance.dent_m == 0.0:
+        return None
+    return {"dent_m": balance.dent_m, "dissipated_j": balance.plastic_dissipated_j}
+
+
+def _structure(setup: Setup) -> dict[str, Any]:
+    """Return the name of the structure, and how good its modes are."""
+    what = setup.mechanics.structure
+    simple = what.quality is None and what.simply_supported is not None
+    return {"name": "a simply supported plate" if simple else str(what), **(what.quality or {})}
+
+
+def _plate_words(setup: Setup) -> str:
+    local = setup.plant.plate.local_plate
+    if not setup.plant.infinite_plate or local is None:
         return ""
-    return f"infinite plate, a dashpot of {found['impedance_n_s_m']:.4g} N s/m"
+    return f"infinite plate, a dashpot of {impedance_n_s_m(local):.4g} N s/m"
 
 
 def _modes_words(balance: EnergyBalance) -> str:
@@ -195,7 +221,7 @@ RECORDED = (
     RunFact("newton_iterations_max", _of_balance("newton_iterations_max"), "contact",
             "at most {} rounds of Newton's method a step".format),
     RunFact("newton_fallbacks", _of_balance("newton_fallbacks"), "contact", fallback_words),
-    RunFact("yield", lambda i: i.yielded and vars(i.yielded), "contact", yield_words),
+    RunFact("yield", _yield, "contact", yield_words),
     RunFact("", _demand, "actuator", demand_words),
     RunFact("residuals", lambda i: i.recording.balance and {
                 "momentum": i.recording.balance.momentum_residual,
@@ -215,12 +241,13 @@ OF_RUN = (
             lambda how: _SHARED.get(how, "")),
     RunFact("realtime", lambda r: r.stats.get("realtime", ""), "time",
             "real-time profile: {}".format),
-    RunFact("struck", lambda r: model.structure_summary(r.setup), "plate", lambda s: s["name"]),
-    RunFact("model", lambda r: model.plate_model(r.setup), "plate", _plate_words),
-    RunFact("truncated_modes", lambda r: model.truncated_modes(r.setup), "plate",
+    RunFact("struck", lambda r: _structure(r.setup), "plate", lambda s: s["name"]),
+    RunFact("plate_model", lambda r: r.setup.plate_model),
+    RunFact("", lambda r: _plate_words(r.setup), "plate"),
+    RunFact("damped_residual", lambda r: r.setup.plant.damped_residual, "plate",
             lambda found: "one damped mode for the rest"),
-    RunFact("limiting_pressure", lambda r: model.limiting_pressure(r.setup), "contact",
-            pressure_words),
+    RunFact("limiting_pressure_pa", lambda r: _limiting_pressure(r.setup)),
+    RunFact("", lambda r: pressure_words(r.setup), "contact"),
     RunFact("", lambda r: r.setup.mechanics.why_elastic, "contact",
             "elastic: {}".format),
     RunFact("mean_latency_us", lambda r: mean_latency(r.setup), "actuator", _mean_latency_words),

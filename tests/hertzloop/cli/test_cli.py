@@ -81,7 +81,7 @@ def test_a_run_on_an_infinite_plate(here):
     assert "Error of the missing reflections " in told
     assert "missed" not in told
     data = json_in(here / "a.json")
-    assert data["model"]["plate_model"] == "infinite"
+    assert data["plate_model"] == "infinite"
     assert data["frequencies"] == 0
     assert data["expected_error"] <= data["requested_accuracy"]
     assert data["verification"]["largest"] <= data["requested_accuracy"]
