@@ -34,7 +34,7 @@ def expected(name: str) -> dict[str, str]:
     return exchange(scene(name), 0, max_exchange_steps=1).heard.samples()
 
 
-@pytest.mark.parametrize("name", default(SCENES, ["converters"]))
+@pytest.mark.parametrize("name", default(SCENES, ["converters", "late"]))
 def test_the_same_bytes_under_any_delays(name, monkeypatch):
     monkeypatch.setattr(plant_streams, "ROOM_STEPS", 500)
     ways = set()
