@@ -102,7 +102,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """Keep the tests of the tier that was asked for, or all tests of files that are named. The
     slowest files come first, so that none of them runs alone at the end; `--order` shuffles all.
     """
-    slow = ["test_page_commands.py", "test_checks.py", "hertzloop", "studies", "benchmarks"]
+    slow = ("test_page_commands.py", "test_same_bits.py", "test_checks.py")
+    slow += ("hertzloop", "studies", "benchmarks")
     order = {name: place for place, name in enumerate(slow)}
     items.sort(
         key=lambda item: min(
