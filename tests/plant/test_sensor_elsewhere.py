@@ -11,7 +11,6 @@ from hertzloop.fitting.records.record import Record
 from hertzloop.plant.state_kernels import F_C, FLIGHT_V, FLIGHT_X, SENSOR_A, SENSOR_V, V_P
 from hertzloop.plant.structures.mode_file import ModeTable, write_modes
 from hertzloop.scene.build import build_plant
-from hertzloop.scene.controller import check_buildable
 from hertzloop.scene.errors import SceneError
 from hertzloop.scene.setup import Setup, load
 from tests.plant.rigs import after_steps
@@ -49,9 +48,7 @@ FORCES = np.random.default_rng(4).standard_normal(300)
 @pytest.mark.parametrize(
     "settings",
     [
-        (),
         (f"plate.actuator_point_m={THIRD}",),
-        ("plate.edges=cfcs", "run.accuracy=0.05"),
         ("actuator.bandwidth_hz=30000",),
     ],
 )
@@ -160,15 +157,3 @@ def test_limits_of_loops_that_are_not_collocated_are_those_of_simulations():
     checks = list(beside_the_contact(8, 5))
     assert len(checks) >= 10
     assert [one for one in checks if not one.agrees] == []
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["sensors.quantity=xi"], "sensors.quantity = 'xi' is one of the contact"),
-        (["sensors.point_m=[0.6,0.1]"], "sensors.point_m = .* lies outside the plate"),
-    ],
-)
-def test_what_does_not_know_a_sensor_elsewhere_refuses_it(settings, words):
-    with pytest.raises(SceneError, match=words):
-        check_buildable(plate(SENSOR, *settings))

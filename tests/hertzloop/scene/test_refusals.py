@@ -85,6 +85,10 @@ REFUSED = {
         "run.touch_phase=0.2 run.scheme=thesis2008 run.duration_s=0.01":
         "not supported by run.scheme = 'thesis2008'",
         # Sensor, clock and actuator.
+        "sensors.point_m=[0.31,0.22] sensors.quantity=xi controller.law=off":
+        "sensors.quantity = 'xi' is one of the contact",
+        "sensors.point_m=[0.6,0.1] sensors.quantity=v_p controller.law=off":
+        "sensors.point_m = [0.6, 0.1]: lies outside the plate",
         "sensors.fault=offset": "needs sensors.fault_size",
         "sensors.fault_size=1": "has no effect without sensors.fault. Leave",
         "controller.clock_ppm=1e6": "controller.clock_ppm",
