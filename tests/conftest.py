@@ -71,14 +71,11 @@ _COMPILE = (
 ensure_compiled(load(DEFAULT, ["contact.plasticity=none"]))
 """,
     """
-yields = ["contact.plasticity=thornton", "actuator.bandwidth_hz=20000"]
-simulate(load(DEFAULT, [*yields, "run.duration_s=0.0001"]))
 ensure_compiled(load(DEFAULT, ["run.plate_model=infinite", "run.duration_s=0.0015"]))
 """,
 )
 _IMPORTS = """
 from hertzloop.__main__ import collect_rarely
-from hertzloop.loop.simulate import simulate
 from hertzloop.warmup import ensure_compiled
 from hertzloop.scene.loading import DEFAULT
 from hertzloop.scene.setup import load

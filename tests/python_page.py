@@ -207,16 +207,15 @@ def _items(text: str) -> dict[str, str]:
 
 def _parameters(function: Any) -> str:
     """Parameters as they are called: names, a star, defaults."""
-    shown = []
-    for name, one in inspect.signature(function).parameters.items():
-        if name == "self":
-            continue
-        if one.kind is one.KEYWORD_ONLY and not any("*" in other for other in shown):
-            shown.append("*")
-        default = "" if one.default is one.empty or callable(one.default) else f"={one.default!r}"
-        stars = "**" if one.kind is one.VAR_KEYWORD else ""
-        shown.append(f"{stars}{name}{default}")
-    return ", ".join(shown)
+    signature = inspect.signature(function)
+    shown = [
+        one.replace(
+            annotation=one.empty, default=one.empty if callable(one.default) else one.default
+        )
+        for name, one in signature.parameters.items()
+        if name != "self"
+    ]
+    return str(signature.replace(parameters=shown, return_annotation=signature.empty))[1:-1]
 
 
 def _sentence(text: str) -> str:

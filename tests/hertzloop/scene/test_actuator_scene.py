@@ -10,7 +10,6 @@ from hertzloop.scene.build import build_plant
 from hertzloop.scene.errors import SceneError
 from tests.hertzloop.scenes import aluminium_3mm, recorded
 
-# These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
 
 EARLY = ["run.duration_s=0.0013", "controller.v_thr_m_s=-0.6"]

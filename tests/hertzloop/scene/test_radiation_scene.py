@@ -8,7 +8,6 @@ from hertzloop.loop.simulate import simulate
 from hertzloop.results.metrics import metrics_of
 from tests.hertzloop.scenes import aluminium_3mm
 
-# These need a kind of plant of their own, whose kernels take half a minute to compile.
 pytestmark = pytest.mark.full
 
 SHORT = "run.duration_s=0.0016"

@@ -60,8 +60,7 @@ def test_a_contact_that_yields_goes_deeper_than_an_elastic_one():
     soft = [
         "contact.plasticity=thornton",
         "contact.limiting_pressure_pa=0.44e9",
-        "actuator.bandwidth_hz=300000",
-    ]  # a kind of plant that is compiled already
+    ]
     scene = aluminium_3mm(*soft, "sensors.bits=12", "run.duration_s=0.0013")
     limits = scene.sensor.full_scale
     assert simulate(scene).truth[0].min() > limits[0]
