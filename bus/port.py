@@ -63,8 +63,8 @@ class Publisher:
 
     def send(
         self, stream: str, header: Message, arrays: Mapping[str, np.ndarray] | None = None
-    ) -> int:
-        """Publish one message, completing run id and sequence number. Returns its size, bytes.
+    ) -> None:
+        """Publish one message, completing run id and sequence number.
 
         Raises StreamFault for a number that is not finite; nothing is sent then.
         """
@@ -79,7 +79,6 @@ class Publisher:
         self.port.publish(streams.Envelope(stream, payload, counter.messages))
         counter.messages += 1
         counter.samples += max((len(a) for a in (arrays or {}).values()), default=1)
-        return len(payload)
 
     def end(self, fault: str = "", report: ControllerReport | None = None) -> None:
         """Announce what was published; the last message of a role, once."""

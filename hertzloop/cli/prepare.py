@@ -94,12 +94,6 @@ def compile_first(*scenes: Setup) -> None:
     Raises:
         SceneError: A scene cannot be built.
     """
-    if not not_compiled(*scenes):
-        return
-    what = _MODEL
-    if anything_compiled():
-        what = "for this kind of scene: about 25 s"
-    announce_compilation(what)
 
     def end(_: int) -> None:
         # At once, since nothing is to be kept: what LLVM calls loses a KeyboardInterrupt.
@@ -107,11 +101,16 @@ def compile_first(*scenes: Setup) -> None:
         err.say("interrupted")
         os._exit(INTERRUPTED)
 
-    with progress("Compiling", 100) as advance, ending_signals(end):
-        ensure_compiled(
-            *scenes,
-            on_progress=lambda share, what: advance(round(100 * share), f"Compiling {what}"),
-        )
+    with ending_signals(end):
+        if not not_compiled(*scenes):
+            return
+        kind = "for this kind of scene: about 25 s" if anything_compiled() else _MODEL
+        announce_compilation(kind)
+        with progress("Compiling", 100) as advance:
+            ensure_compiled(
+                *scenes,
+                on_progress=lambda share, what: advance(round(100 * share), f"Compiling {what}"),
+            )
 
 
 @cache

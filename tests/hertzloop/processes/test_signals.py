@@ -103,7 +103,8 @@ def test_a_run_that_compiles_ends_in_one_sentence(tmp_path):
     run = start("run", "--out", str(tmp_path / "a.mcap"), env=cache)
     assert next_line(run, run.stderr).startswith("Compiling the model")
     folder = cache["NUMBA_CACHE_DIR"]
-    wait_for(lambda: len(processes_with(folder)) == 1)
+    wait_for(lambda: any(Path(folder).rglob("*.nbi")))  # it has begun
+    assert len(processes_with(folder)) == 1
     run.send_signal(signal.SIGINT)
     assert finish(run) == (130, "interrupted")
     assert not (tmp_path / "a.mcap").exists()
