@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,7 +17,7 @@ from hertzloop.cli.options import (
     SceneArgument,
     SeedOption,
     SetOption,
-    bus_address,
+    options_of,
     run_options_of,
 )
 from hertzloop.cli.recordings import repeat_or_fail
@@ -45,7 +44,7 @@ _PORT = re.compile(r"(?:tcp|tls|quic|udp|ws)/[^\s?#]+:(?P<port>[0-9]+)(?:[?#]|$)
 
 
 @run_options_of(PLANT)
-@bus_address
+@options_of(BusAddress, argument="asked")
 def plant(
     scene: SceneArgument = DEFAULT,
     settings: SetOption = None,
@@ -74,7 +73,7 @@ def plant(
 
 
 @run_options_of(CONTROLLER)
-@bus_address
+@options_of(BusAddress, argument="asked")
 def controller(
     law: Annotated[
         str | None,
@@ -97,7 +96,7 @@ def controller(
 
 
 @run_options_of(RECORDER)
-@bus_address
+@options_of(BusAddress, argument="asked")
 def recorder(
     out_file: Annotated[Path, typer.Option("--out", "-o", help="Recording to write.")] = Path(
         "run.mcap"
@@ -188,7 +187,7 @@ def _bus_address(role: str, asked: BusAddress) -> BusAddress:
                 _check_port(f"--zenoh-config: {config}: '{endpoint}'", endpoint)
     except BusError as error:
         fail(f"--zenoh-config: {error}")
-    return replace(asked, listen=asked.listen or listen, connect=asked.connect or connect)
+    return asked.replaced(listen=asked.listen or listen, connect=asked.connect or connect)
 
 
 def check_endpoints(option: str, endpoints: Sequence[str]) -> None:

@@ -11,7 +11,6 @@ from pydantic.fields import FieldInfo
 
 from hertzloop.loop.run_options import USES, OptionError, Options, RunOptions, Use
 from hertzloop.processes.program import BUS_NAME
-from hertzloop.processes.roles import BusAddress
 
 # A scene, and what is simulated of it.
 SceneArgument = Annotated[str, typer.Argument(help="Name of a shipped scene, or a .toml file.")]
@@ -36,26 +35,6 @@ DetailsOption = Annotated[
     bool, typer.Option("--details", help="Print all tables, metrics and warnings.")
 ]
 
-# Where one process of a run meets the others: the fields of a BusAddress.
-ConnectOption = Annotated[list[str] | None, typer.Option(help="Connect to this endpoint.")]
-_OF_ADDRESS = {
-    "listen": Annotated[list[str] | None, typer.Option(help="Listen on this endpoint.")],
-    "connect": ConnectOption,
-    "zenoh_config": Annotated[
-        Path | None,
-        typer.Option(exists=True, help="Read the zenoh configuration from this JSON5 file."),
-    ],
-    "wait_s": Annotated[
-        float,
-        typer.Option(
-            "--wait",
-            min=0.1,
-            max=1_000_000,
-            help="Stop waiting for other processes to appear after this time, s.",
-        ),
-    ],
-}
-
 Command = Callable[..., None]
 
 
@@ -65,14 +44,19 @@ def run_options(*names: str, **defaults: Any) -> Callable[[Command], Command]:
 
 
 def options_of(
-    kind: type[Options], *names: str, but: Sequence[str] = (), **defaults: Any
+    kind: type[Options],
+    *names: str,
+    but: Sequence[str] = (),
+    argument: str = "options",
+    **defaults: Any,
 ) -> Callable[[Command], Command]:
-    """Give a command options, which it gets as one argument `options` of this kind.
+    """Give a command options, which it gets as one argument of this kind.
 
     Args:
         kind: The class of this argument.
         names: Its fields that the command has as options; none: all with a description.
         but: Fields that the command does not have.
+        argument: Name of this argument.
         defaults: Defaults that the command alone has.
     """
     uses = kind.uses()
@@ -81,18 +65,13 @@ def options_of(
         for name in names or uses
         if name not in but
     }
-    return _given("options", kind, own, defaults)
+    return _given(argument, kind, own, defaults)
 
 
 def run_options_of(role: str) -> Callable[[Command], Command]:
     """Give the command of a role its options of a run; see `run_options`."""
     names = [name for name, use in USES.items() if role in use.roles]
     return run_options(*names, realtime="auto", name=BUS_NAME)
-
-
-def bus_address(command: Command) -> Command:
-    """Give a command the options of a bus address, which it gets as `asked: BusAddress`."""
-    return _given("asked", BusAddress, _OF_ADDRESS, {})(command)
 
 
 def _typer_option(name: str, field: FieldInfo, use: Use) -> Any:

@@ -14,12 +14,13 @@ from hertzloop.bus.port import PeerLost
 from hertzloop.bus.sockets import reserved_ports
 from hertzloop.cli import outputs
 from hertzloop.cli.node import check_endpoints
-from hertzloop.cli.options import ConnectOption, OverwriteOption, run_options
+from hertzloop.cli.options import OverwriteOption, options_of, run_options
 from hertzloop.cli.terminal import err, fail, out
 from hertzloop.common.atomic_files import atomic_write
 from hertzloop.loop.run_options import RunOptions
 from hertzloop.processes.observer import truth_blocks
 from hertzloop.processes.program import BASE_PORT, BUS_NAME
+from hertzloop.processes.roles import BusAddress
 from hertzloop.processes.signals import INTERRUPTED, deferred
 
 if TYPE_CHECKING:
@@ -27,14 +28,15 @@ if TYPE_CHECKING:
 
 
 @run_options("name", name=BUS_NAME)
+@options_of(BusAddress, "connect", argument="asked")
 def watch(
-    connect: ConnectOption = None,
     machine: Annotated[bool, typer.Option("--machine", hidden=True)] = False,  # of `run --live`
     save: Annotated[
         Path | None, typer.Option(metavar="F.rrd", help="Write an .rrd file instead.")
     ] = None,
     overwrite: OverwriteOption = False,
     *,
+    asked: BusAddress,
     options: RunOptions,
 ) -> None:
     """Show a run in progress without delaying it.
@@ -46,14 +48,16 @@ def watch(
     from hertzloop.recordings.replay import live, viewer
 
     bus_name = options.name or BUS_NAME
-    check_endpoints("--connect", connect or ())
+    check_endpoints("--connect", asked.connect)
     if save is not None:
         if save.suffix != ".rrd":
             fail(f"--save = {save}: must end in .rrd. Change the name.")
         outputs.check_output(save, overwrite, "--save")
     elif not viewer.has_display():
         fail("no screen is available. Write a file for the Rerun viewer with --save F.rrd.")
-    endpoints = connect or [f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)]
+    endpoints = list(asked.connect) or [
+        f"tcp/127.0.0.1:{port}" for port in range(BASE_PORT, BASE_PORT + 3)
+    ]
     stream = rr.RecordingStream("hertzloop live")
     samples, ended_by, code = 0, "", 0
     try:

@@ -239,7 +239,7 @@ def _play(
     """Play a role of a run in this process; return its statistics."""
     from hertzloop.processes import roles
 
-    address = roles.BusAddress(listen, connect, wait_s=wait_s)
+    address = roles.BusAddress(listen=listen, connect=connect, wait_s=wait_s)
     if role == RECORDER:
         return roles.run_recorder(recording, address, options, report)
     if role == CONTROLLER:

@@ -10,9 +10,10 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
 
 from hertzloop.bus.port import BusError, EndedByOther, PeerLost
 from hertzloop.bus.streams import CONTROLLER, PLANT, RECORDER, ROLES, StreamFault
@@ -20,7 +21,7 @@ from hertzloop.bus.zenoh_port import ZenohPort
 from hertzloop.common.sanitize import visible
 from hertzloop.loop import stuck_law
 from hertzloop.loop.repeated_run import repeated_run
-from hertzloop.loop.run_options import RunOptions
+from hertzloop.loop.run_options import Options, RunOptions, Use
 from hertzloop.processes.child_process import Report
 from hertzloop.processes.program import BUS_NAME
 from hertzloop.processes.realtime import RealtimeProfile
@@ -43,21 +44,23 @@ _EXIT_S = 4.0
 _WAITS = {PLANT: 1.25, CONTROLLER: 1.5, RECORDER: 2.0}
 
 
-@dataclass(frozen=True)
-class BusAddress:
-    """Where one process of a run meets the others, each connected with each.
+class BusAddress(Options):
+    """Where one process of a run meets the others, each connected with each."""
 
-    Attributes:
-        listen: Endpoints to listen on.
-        connect: Endpoints to connect to.
-        zenoh_config: A zenoh configuration, as a JSON5 file.
-        wait_s: Longest wait for the other processes to appear, s.
-    """
-
-    listen: Sequence[str] = ()
-    connect: Sequence[str] = ()
-    zenoh_config: Path | None = None
-    wait_s: float = 60.0
+    listen: Annotated[Sequence[str], Field(description="Listen on this endpoint.")] = ()
+    connect: Annotated[Sequence[str], Field(description="Connect to this endpoint.")] = ()
+    zenoh_config: Annotated[
+        Path | None, Field(description="Read the zenoh configuration from this JSON5 file.")
+    ] = None
+    wait_s: Annotated[
+        float,
+        Field(
+            ge=0.1,
+            le=1_000_000,
+            description="Stop waiting for other processes to appear after this time, s.",
+        ),
+        Use(flag="--wait"),
+    ] = 60.0
 
 
 def _unheard(**_: object) -> None:

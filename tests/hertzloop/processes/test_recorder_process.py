@@ -30,7 +30,7 @@ from tests.recordings.rewriting import scene
 def recording(path: Path) -> Iterator[tuple[Future, ZenohPort, ZenohPort]]:
     """A recorder on a bus, and the ports of plant and controller, which see it."""
     urls = [url(port) for port in free_ports(3)]
-    address = BusAddress(urls[2:], urls[:2], wait_s=PATIENCE_S)
+    address = BusAddress(listen=urls[2:], connect=urls[:2], wait_s=PATIENCE_S)
     options = RunOptions(name="tapes", timeout_s=PATIENCE_S)
     ports = ZenohPort(PLANT, "tapes", urls[:1]), ZenohPort(CONTROLLER, "tapes", urls[1:2])
     with ThreadPoolExecutor(1) as other:
@@ -71,7 +71,8 @@ def run_over_zenoh(path: Path, name: str, timeout_s: float = PATIENCE_S) -> list
     """A run of the three roles; how plant and controller ended."""
     urls = [url(port) for port in free_ports(3)]
     plant, controller, recorder = (
-        BusAddress([at], urls[:place], wait_s=PATIENCE_S) for place, at in enumerate(urls)
+        BusAddress(listen=[at], connect=urls[:place], wait_s=PATIENCE_S)
+        for place, at in enumerate(urls)
     )
     options = RunOptions(name=name, timeout_s=timeout_s)
     with ThreadPoolExecutor(3) as roles:
