@@ -45,21 +45,20 @@ def margin(
     setup = prepare.scene_from(scene, changes, None)
     with progress("margin", 1) as advance:
         result = analyse(setup, lambda part: advance(0, f"margin: {part}"))
-    data, found = result.as_data(), result.flight
+    data = result.as_data()
     for line in result_lines(result):
         out.say(line)
     outputs.write_json(json_file, data)
     if folder is None:
         return
-    if not found.applicable:
-        outputs.write_json(folder / "margin.json", data)
+    outputs.write_json(folder / "margin.json", data)
+    if not result.flight.applicable:
         return
     # Of an extra.
     from hertzloop.studies.margin.chart import draw
     from hertzloop.studies.pages import pictures
 
-    pictures.save(draw(at_shortest_latency(setup), found), folder / "margin.png")
+    pictures.save(draw(at_shortest_latency(setup), result), folder / "margin.png")
     LinearSystem.of(setup).save(folder / "plant.npz")
-    outputs.write_json(folder / "margin.json", data)
     for name in ("margin.png", "margin.json", "plant.npz"):
         out.say(f"written: {folder / name}")

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hertzloop.plant.structures.modes import NO_PARTICIPATION
-from hertzloop.scene.build import build_plant
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.margin.linear import plant_in_flight
+from hertzloop.studies.margin.linear import linear_plant, plant_in_flight
 
 # Relative amplitudes from which a mode takes part, and within which it stands for the response.
 _LEAST, _ALONE, _CANCELS = 0.1, 0.7, 1.1
@@ -44,8 +43,7 @@ def binding_mode(setup: Setup, frequency_hz: float) -> BindingMode | None:
         frequency_hz: the binding frequency, Hz.
     """
     form = plant_in_flight(setup)
-    modal = build_plant(setup.with_plate_model("modal"), flight=True)
-    count = len(modal.modes.omega)
+    count = len(linear_plant(setup).modes.omega)
     z = np.exp(2j * math.pi * frequency_hz * setup.run.step_s)
     weights = np.abs(form.residues / (z - form.poles))[:count]
     largest = int(np.argmax(weights))

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 
 from hertzloop.scene.controller import loaded_law
 from hertzloop.scene.setup import Setup
-from hertzloop.studies.margin.binding import binding_mode, mode_name
-from hertzloop.studies.margin.flight import Margin
+from hertzloop.studies.margin.binding import mode_name
 from hertzloop.studies.margin.loop import PolyphaseLoop, loops_of
+from hertzloop.studies.margin.margin import MarginResult
 from hertzloop.studies.margin.table import Loop
 from hertzloop.studies.pages import pictures
 
@@ -19,13 +19,14 @@ _RADIUS = 3.5  # of the Nyquist plot at most; resonances leave it, the neighbour
 _BLUE, _ORANGE, _, _PINK = pictures.COLOURS[:4]
 
 
-def draw(setup: Setup, margin: Margin) -> Figure:
+def draw(setup: Setup, result: MarginResult) -> Figure:
     """Draw the loop gain and the Nyquist plot at the latency of the scene.
 
     Args:
         setup: the run.
-        margin: its margin, which applies.
+        result: its margin, which applies.
     """
+    margin = result.flight
     loops = loops_of(setup)
     assert isinstance(loops, PolyphaseLoop)
     loop, delay = loops.at(setup.signal_path.latency_steps)
@@ -35,12 +36,12 @@ def draw(setup: Setup, margin: Margin) -> Figure:
         f"{setup.scene.name}, law {loaded_law(setup).name}: loop in flight, {state} at a latency "
         f"of {margin.latency_us:g} us"
     )
-    _gain(axes[0, 0], loop, setup, margin.binding_frequency_hz)
+    _gain(axes[0, 0], loop, setup, result)
     _nyquist(axes[0, 1], loop, delay, margin.peak_sensitivity)
     return sheet
 
 
-def _gain(ax: Any, loop: Loop, setup: Setup, binding_hz: float | None) -> None:
+def _gain(ax: Any, loop: Loop, setup: Setup, result: MarginResult) -> None:
     """Draw |L| over frequency, and the frequency that limits the loop with its mode."""
     theta, sample_s = loop.table.theta, setup.sensor.every_steps * setup.run.step_s
     shown = theta > 0.0
@@ -52,8 +53,8 @@ def _gain(ax: Any, loop: Loop, setup: Setup, binding_hz: float | None) -> None:
     ax.set_xlim(0.3 * first, at_hz[-1])
     seen = size[at_hz > 0.3 * first]
     ax.set_ylim(max(seen.min(), 1e-5 * seen.max()), 3.0 * seen.max())
+    binding_hz, mode = result.flight.binding_frequency_hz, result.binding_mode
     if binding_hz is not None:
-        mode = binding_mode(setup, binding_hz)
         name = f"\n{mode_name(mode)}" if mode else ""
         label = f"binding: {binding_hz:.4g} Hz{name}"
         ax.axvline(binding_hz, color=_ORANGE, linestyle=":", label=label)

@@ -7,9 +7,9 @@ import scipy.signal as sg
 from hertzloop.scene.setup import load
 from hertzloop.studies.margin.binding import binding_mode, mode_line, mode_name
 from hertzloop.studies.margin.chart import draw
-from hertzloop.studies.margin.flight import margin_of
 from hertzloop.studies.margin.identify import law_filter
 from hertzloop.studies.margin.linear import plant_in_flight
+from hertzloop.studies.margin.margin import margin as analyse
 from hertzloop.studies.margin.poles import closed_loop_poles
 from hertzloop.studies.margin.table import Loop
 from tests.commands import succeed
@@ -79,11 +79,14 @@ def test_where_modes_overlap_or_the_omitted_ones_prevail_it_is_said():
 @pytest.mark.parametrize("kappa", [0.4, 1.1])
 def test_the_picture_shows_limit_and_state(kappa):
     setup = load("oak-20mm", [*VELOCITY, f"controller.kappa={kappa}"])
-    margin = margin_of(setup)
-    sheet = draw(setup, margin)
+    result = analyse(setup)
+    sheet = draw(setup, result)
     gain, nyquist = sheet.axes
     assert ("unstable" if kappa > 1.0 else "stable") in sheet.get_suptitle()
-    assert f"{margin.binding_frequency_hz:.4g} Hz" in gain.get_legend().get_texts()[0].get_text()
+    assert (
+        f"{result.flight.binding_frequency_hz:.4g} Hz"
+        in gain.get_legend().get_texts()[0].get_text()
+    )
     [line] = [one for one in nyquist.lines if one.get_label() == "L"]
     assert np.isfinite(line.get_xydata()).all()
 
