@@ -7,6 +7,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from hertzloop.results.spans import Span
+from hertzloop.studies.cases.axis import DesignError
 from hertzloop.studies.cases.evaluate import Numbered, Pool, run_chunk
 from hertzloop.studies.cases.identity import code_version
 from hertzloop.studies.cases.rows import Rows
@@ -29,6 +30,7 @@ def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
         on_wait: Called with a sentence when the scheduler has no workers.
 
     Raises:
+        DesignError: the address is none.
         WorkersLost: no scheduler answers, its workers have other versions, or the cluster is lost.
     """
     try:
@@ -45,7 +47,11 @@ def dask_pool(address: str, on_wait: Callable[[str], None]) -> Iterator[Pool]:
             logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         client = Client(address, timeout="10s")
-    except (OSError, ValueError, TimeoutError) as error:
+    except ValueError as error:
+        raise DesignError(
+            f"--dask = '{address}': {error}. Give the address of a scheduler, as tcp://host:8786."
+        ) from error
+    except (OSError, TimeoutError) as error:
         raise WorkersLost(f"no Dask scheduler answers at {address}: {error}") from error
     without = f"the Dask scheduler at {address} has no workers"
     waits = f"{without}; waiting {_WORKERLESS_S:g} s for one (dask worker {address})"

@@ -301,3 +301,4 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path):
     words = ["--over", "sensors.bits=4,5", "-o", tmp_path / "r.csv", "--dask", "tcp://127.0.0.1:1"]
     sentence = "no Dask scheduler answers at tcp://127.0.0.1:1"
     refused(sentence, "sweep", *words, code=1)
+    refused("Give the address of a scheduler", "sweep", *words[:-1], "no-port")
