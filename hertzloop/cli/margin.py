@@ -51,14 +51,15 @@ def margin(
     outputs.write_json(json_file, data)
     if folder is None:
         return
-    outputs.write_json(folder / "margin.json", data)
-    if not result.flight.applicable:
-        return
-    # Of an extra.
-    from hertzloop.studies.margin.chart import draw
-    from hertzloop.studies.pages import pictures
+    written = ["margin.json"]
+    if result.flight.applicable:
+        # Of an extra.
+        from hertzloop.studies.margin.chart import draw
+        from hertzloop.studies.pages import pictures
 
-    pictures.save(draw(at_shortest_latency(setup), result), folder / "margin.png")
-    LinearSystem.of(setup).save(folder / "plant.npz")
-    for name in ("margin.png", "margin.json", "plant.npz"):
+        pictures.save(draw(at_shortest_latency(setup), result), folder / "margin.png")
+        LinearSystem.of(setup).save(folder / "plant.npz")
+        written += ["margin.png", "plant.npz"]
+    outputs.write_json(folder / "margin.json", data)
+    for name in written:
         out.say(f"written: {folder / name}")
