@@ -58,14 +58,15 @@ def test_with_time_to_spare_it_is_the_run_in_lock_step(lane, tmp_path):
 
 @pytest.mark.parametrize("lane", [True, False])
 def test_late_forces_repeat_to_the_bit(lane, tmp_path):
-    """Two threads of one process cannot hold a step every 10 us."""
+    """Two threads of one process cannot answer 2500 times within 1 us each; how often they are late
+    depends on the machine."""
     scene = feedback()
-    pair = Pair(scene, shared_memory=lane, pace=0.1).run()
+    pair = Pair(scene, shared_memory=lane, pace=1.0).run()
     first = pair.recorded(tmp_path / "paced.mcap")
     assert not first.problems
     found = pacing_of(first)
     held = first.truth.arrays["held_steps"]
-    assert found.late_forces == np.count_nonzero(held) > 100
+    assert found.late_forces == np.count_nonzero(held) > 0
     rows = np.split(held > 0, np.flatnonzero(np.diff(held > 0)) + 1)
     assert found.longest_sequence == max(len(row) for row in rows if row[0])
     assert found.clock.answers == first.daq.samples - 1  # but the one in lock-step
