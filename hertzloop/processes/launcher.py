@@ -5,7 +5,7 @@ import os
 import secrets
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from importlib import import_module
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -161,7 +161,8 @@ class Launcher:
         """Take in a report."""
         if report.get("open") == PLANT:
             for program in (one for one in self.children if one.command):
-                program.pipe.send("begin")  # not every program tries to connect again
+                with suppress(OSError):  # it has ended, which its own pipe tells
+                    program.pipe.send("begin")  # not every program tries to connect again
         if "step" in report:
             on_progress(report["step"])
         child.ready = child.ready or "ready" in report
