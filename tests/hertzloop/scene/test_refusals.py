@@ -2,6 +2,7 @@
 of features that the documentation lists are in test_combinations.
 """
 
+import numpy as np
 import pytest
 
 from hertzloop.scene.controller import check_buildable
@@ -130,3 +131,9 @@ def test_refused_with_a_sentence(name, settings, words):
     assert words in said
     assert "\n" not in said
     assert len(said) < 700
+
+
+@pytest.mark.parametrize("seed", ["3", np.str_("3"), True], ids=["text", "of NumPy", "bool"])
+def test_text_and_bool_are_no_numbers(seed):
+    with pytest.raises(SceneError, match=r"run\.seed = .*: is not possible"):
+        load("aluminium-3mm").vary({"run.seed": seed})
